@@ -1,0 +1,144 @@
+"""Checks of a case across its keys, each one sentence: the key, its value, what is allowed."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from opticcup_fem.case.tables import Case
+
+# About a thousand times the baseline's mesh: beyond it, a size is taken for a slip of the pen.
+MOST_CELLS = 500_000
+
+
+def show(value: object) -> str:
+    """Return a value as a user writes it in TOML.
+
+    >>> show([True, "a", 0.5])
+    '[true, "a", 0.5]'
+    """
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return f'"{value}"'
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(show(entry) for entry in value)}]"
+    return str(value)
+
+
+def _reject(key: str, value: object, allowed: str) -> None:
+    raise ValueError(f"{key} = {show(value)} is not possible: {allowed}")
+
+
+def _check_cap_is_a_shell(case: Case) -> None:
+    shape = case.shape
+    smallest = math.degrees(1.0 / shape.radius_over_thickness)
+    if shape.opening_angle_deg < smallest:
+        _reject(
+            "shape.opening_angle_deg",
+            shape.opening_angle_deg,
+            f"with R/h = {shape.radius_over_thickness:g} the cap would be narrower than the shell "
+            f"is thick; take at least {smallest:.3g} degrees",
+        )
+
+
+def _check_closure_takes_poisson(case: Case) -> None:
+    material = case.material
+    if material.closure == "closed-form" and material.poisson_ratio >= 0.48:
+        _reject(
+            "material.poisson_ratio",
+            material.poisson_ratio,
+            "the closed-form closure is ill-posed from 0.48 on; take a smaller value or another "
+            "material.closure",
+        )
+
+
+def _check_growth_stays_positive(case: Case) -> None:
+    for layer in ("ecm", "iov", "oov"):
+        rate = getattr(case.growth, layer)
+        if 1.0 + rate * case.run.t_end <= 0.0:
+            _reject(
+                f"growth.{layer}",
+                rate,
+                f"the growth factor 1 + rate t_n must stay positive up to run.t_end = "
+                f"{case.run.t_end:g}; take a rate above {-1 / case.run.t_end:g}",
+            )
+
+
+def _check_mesh_resolves_the_shape(case: Case) -> None:
+    mesh, alpha = case.mesh, case.shape.opening_angle
+    arcs = {"cap": (2 * alpha, "the cap"), "oov": (math.pi - alpha, "interface to bottom pole")}
+    for region, (arc, place) in arcs.items():
+        size = getattr(mesh, f"cell_size_{region}")
+        if size > arc / 4:
+            _reject(
+                f"mesh.cell_size_{region}",
+                size,
+                f"the mesh is too coarse, with fewer than 4 cells across {place}; take at most "
+                f"{arc / 4:.3g} (units of R)",
+            )
+    largest = min(mesh.cell_size_cap, mesh.cell_size_oov)
+    if mesh.cell_size_interface > largest:
+        _reject(
+            "mesh.cell_size_interface",
+            mesh.cell_size_interface,
+            f"the mesh is finest at the interface; take at most {largest:g} (units of R), the "
+            "smaller of the other two sizes",
+        )
+
+
+def _check_mesh_is_not_endless(case: Case) -> None:
+    mesh, alpha = case.mesh, case.shape.opening_angle
+    cap, oov = 2 * math.pi * (1 - math.cos(alpha)), 2 * math.pi * (1 + math.cos(alpha))
+    # Equilateral triangles, with the finest size over a band about one cell wide at the circle.
+    band = 2 * math.pi * math.sin(alpha) * mesh.cell_size_interface
+    sizes = (mesh.cell_size_cap, mesh.cell_size_oov, mesh.cell_size_interface)
+    cells = sum(
+        area / (math.sqrt(3) / 4 * size**2)
+        for area, size in zip((cap, oov, band), sizes, strict=True)
+    )
+    if cells > MOST_CELLS:
+        key = min(("cap", "oov", "interface"), key=lambda name: getattr(mesh, f"cell_size_{name}"))
+        _reject(
+            f"mesh.cell_size_{key}",
+            min(sizes),
+            f"the mesh would have about {cells:.1g} cells, more than {MOST_CELLS:g}; take larger "
+            "cells (units of R)",
+        )
+
+
+def _check_steps_are_ordered(case: Case) -> None:
+    solver = case.solver
+    if solver.min_step > solver.initial_step:
+        _reject(
+            "solver.min_step",
+            solver.min_step,
+            f"it must not exceed solver.initial_step = {solver.initial_step:g}",
+        )
+    if solver.initial_step > solver.max_step:
+        _reject(
+            "solver.initial_step",
+            solver.initial_step,
+            f"it must not exceed solver.max_step = {solver.max_step:g}",
+        )
+
+
+def _check_output_times(case: Case) -> None:
+    times, t_end = case.output.times, case.run.t_end
+    if any(later <= earlier for earlier, later in itertools.pairwise(times)):
+        _reject("output.times", list(times), "the times must increase, each one given once")
+    if times and times[-1] > t_end:
+        _reject("output.times", list(times), f"every time lies between 0 and run.t_end = {t_end:g}")
+
+
+CROSS_CHECKS = (
+    _check_cap_is_a_shell,
+    _check_closure_takes_poisson,
+    _check_growth_stays_positive,
+    _check_mesh_resolves_the_shape,
+    _check_mesh_is_not_endless,
+    _check_steps_are_ordered,
+    _check_output_times,
+)

@@ -1,0 +1,215 @@
+"""Reading cases with one clear sentence for every mistake, and writing them resolved."""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal, get_args, get_origin
+
+import tomlkit
+from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
+from pydantic_core import ErrorDetails
+
+from opticcup_fem.case.checks import show
+from opticcup_fem.case.tables import Case
+from opticcup_fem.errors import CaseError
+
+
+def load_case(path: str | Path, overrides: Sequence[str] = ()) -> Case:
+    """Read and check a case file.
+
+    Args:
+        path: TOML file.
+        overrides: Texts ``table.key=value``, applied in order; values are TOML, and a bare word
+            counts as a string.
+
+    Returns:
+        The checked case with every default resolved.
+
+    Raises:
+        CaseError: If the file cannot be read, is not TOML, or holds a wrong key or value; the
+            message is one sentence.
+    """
+    path = Path(path)
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise CaseError(f"{path}: there is no such case file") from None
+    except OSError as error:
+        raise CaseError(f"{path}: cannot be read ({error.strerror})") from None
+    except UnicodeDecodeError:
+        raise CaseError(f"{path}: not a text file in UTF-8, so not a case") from None
+    except tomllib.TOMLDecodeError as error:
+        raise CaseError(f"{path}: not valid TOML: {_sentence_part(str(error))}") from None
+    for override in overrides:
+        _apply_override(data, override)
+    return parse_case(data, source=str(path))
+
+
+def parse_case(data: Mapping[str, Any], source: str = "case") -> Case:
+    """Check a nested mapping of tables and keys.
+
+    Args:
+        data: Tables of keys, as `tomllib` gives them.
+        source: What to call the case in messages.
+
+    Returns:
+        The checked case with every default resolved.
+
+    Raises:
+        CaseError: If a key or value is wrong; the message is one sentence.
+
+    >>> parse_case({"shape": {"radius_over_thickness": 15}}).shape.thickness * 15
+    1.0
+    """
+    try:
+        return Case.model_validate(dict(data))
+    except ValidationError as error:
+        # An unknown key first: it is the likely cause of whatever else is missing or wrong.
+        details = sorted(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
+        more = f" ({len(details) - 1} more mistakes follow)" if len(details) > 1 else ""
+        raise CaseError(f"{source}: {_explain(details[0])}{more}") from None
+
+
+def case_to_toml(case: Case, versions: Mapping[str, str] | None = None) -> str:
+    """Return the resolved case as TOML, with meanings and units as comments.
+
+    Args:
+        case: The case.
+        versions: Name and version of what computed it, written as comments; the text stays a
+            valid case that gives back the same `case`.
+
+    Returns:
+        TOML text, ending in a newline.
+    """
+    document = tomlkit.document()
+    document.add(tomlkit.comment("Resolved case of opticcup_fem: every default is written out."))
+    document.add(tomlkit.comment("Lengths in units of R, stresses in units of mu_IOV, t_n in 20 h"))
+    for name, version in (versions or {}).items():
+        document.add(tomlkit.comment(f"{name} {version}"))
+    for name, info in Case.model_fields.items():
+        table = tomlkit.table()
+        table.comment(info.description or "")
+        section: BaseModel = getattr(case, name)
+        for key, field in type(section).model_fields.items():
+            value = getattr(section, key)
+            item = tomlkit.item(list(value) if isinstance(value, tuple) else value)
+            table.add(key, item.comment(field.description or ""))
+        document.add(tomlkit.nl())
+        document.add(name, table)
+    return tomlkit.dumps(document)
+
+
+def write_case(case: Case, path: str | Path, versions: Mapping[str, str] | None = None) -> None:
+    """Write the resolved case, as `case_to_toml` gives it, to a file.
+
+    Args:
+        case: The case.
+        path: File to write.
+        versions: Name and version of what computed it.
+
+    Raises:
+        CaseError: If the file cannot be written.
+    """
+    try:
+        Path(path).write_text(case_to_toml(case, versions), encoding="utf-8")
+    except OSError as error:
+        raise CaseError(f"{path}: cannot be written ({error.strerror})") from None
+
+
+def _apply_override(data: dict[str, Any], override: str) -> None:
+    name, equals, text = override.partition("=")
+    table, dot, key = (part.strip() for part in name.partition("."))
+    if not (equals and dot and table and key and text.strip()):
+        raise CaseError(
+            f"override {override!r}: write it as table.key=value, "
+            "for example shape.radius_over_thickness=15"
+        )
+    section = data.setdefault(table, {})
+    if not isinstance(section, dict):
+        raise CaseError(f"override {override!r}: {table} is not a table in this case")
+    section[key] = _parse_value(text.strip())
+
+
+def _parse_value(text: str) -> Any:
+    try:
+        parsed = tomllib.loads(f"value = {text}")
+    except tomllib.TOMLDecodeError:
+        # TOML wants 0.45 where people write .45 on a command line; other bare words are strings.
+        try:
+            return float(text)
+        except ValueError:
+            return text
+    return parsed["value"] if len(parsed) == 1 else text
+
+
+def _explain(error: ErrorDetails) -> str:
+    """Return the sentence for one of pydantic's errors: the key, the value, what is allowed."""
+    loc = error["loc"]
+    if error["type"] == "value_error" and not loc:
+        return _sentence_part(error["msg"].removeprefix("Value error, "))
+    key = ".".join(str(part) for part in loc[:2])
+    if error["type"] == "extra_forbidden":
+        return _explain_unknown(key, loc)
+    if len(loc) == 1:
+        return f"{key} = {show(error['input'])} is not a table: write [{key}] and its keys below"
+    field = _model_of(loc).model_fields[str(loc[1])]
+    value = error["input"]
+    is_entry = len(loc) > 2 and error["type"] != "missing"
+    place = f"entry {int(loc[2]) + 1} of {key}" if is_entry else key
+    return f"{place} = {show(value)} is not possible: {_allowed(field)}"
+
+
+def _explain_unknown(key: str, loc: tuple[int | str, ...]) -> str:
+    known = list((Case if len(loc) == 1 else _model_of(loc)).model_fields)
+    close = difflib.get_close_matches(str(loc[-1]), known, n=1)
+    what = "table" if len(loc) == 1 else "key"
+    if close:
+        suggestion = ".".join([*map(str, loc[:-1]), *close])
+        return f"{key} is not a known {what}; did you mean {suggestion}?"
+    return f"{key} is not a known {what}; known here: {', '.join(known)}"
+
+
+def _model_of(loc: tuple[int | str, ...]) -> type[BaseModel]:
+    model = Case.model_fields[str(loc[0])].annotation
+    assert isinstance(model, type) and issubclass(model, BaseModel)
+    return model
+
+
+def _allowed(field: FieldInfo) -> str:
+    """Return what a key takes, in words, from its type, its bounds and its description."""
+    annotation = field.annotation
+    meaning = f" ({field.description})" if field.description else ""
+    if annotation is bool:
+        return f"give true or false{meaning}"
+    if annotation in (int, float):
+        noun = "a whole number" if annotation is int else "a number"
+        return f"give {noun}{_bounds(field)}{meaning}"
+    arguments = get_args(annotation)
+    if get_origin(annotation) is Literal:
+        return f"give one of {', '.join(show(a) for a in arguments)}{meaning}"
+    if Ellipsis in arguments:
+        return f"give an array of numbers{_bounds(arguments[0])}{meaning}"
+    return f"give an array of {len(arguments)} whole numbers{_bounds(arguments[0])}{meaning}"
+
+
+def _bounds(annotated: Any) -> str:
+    words = {"gt": "above", "ge": "at least", "lt": "below", "le": "at most"}
+    metadata: list[Any] = []
+    # A FieldInfo carries the bounds of `Field`, an Annotated type those of its entries.
+    for entry in getattr(annotated, "metadata", getattr(annotated, "__metadata__", [])):
+        metadata += entry.metadata if isinstance(entry, FieldInfo) else [entry]
+    parts = [
+        f"{word} {getattr(entry, name):g}"
+        for name, word in words.items()
+        for entry in metadata
+        if getattr(entry, name, None) is not None
+    ]
+    return " " + " and ".join(parts) if parts else ""
+
+
+def _sentence_part(text: str) -> str:
+    return text.strip().rstrip(".")

@@ -1,0 +1,182 @@
+"""The tables of a case: keys, units, and defaults.
+
+Every key has its unit and meaning in its `Field` description; the same text appears in error
+messages and as comments in the resolved case. Names, units and defaults are those of
+docs/theory.md.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
+
+from opticcup_fem.case.checks import CROSS_CHECKS
+
+Closure = Literal["layer-stretch", "paper", "closed-form", "condensed"]
+Positive = Annotated[float, Field(gt=0)]
+PointCount = Annotated[int, Field(ge=1, le=64)]
+
+
+class _Table(BaseModel):
+    # Strict: TOML has types, so "5" or true for a number is a mistake and not a spelling of it.
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+
+class Shape(_Table):
+    """The stress-free shell before growth: a sphere of radius R with a bilayer cap."""
+
+    kind: Literal["cup"] = Field(default="cup", description="a closed sphere, cap and OOV")
+    radius_over_thickness: float = Field(
+        default=5.0, ge=2, le=1000, description="R/h, radius over total thickness"
+    )
+    # From 5: a cap must hold a few cells. To 90: beyond it the "cap" is the larger part, has no
+    # rim to invaginate through, and the depth D loses its meaning.
+    opening_angle_deg: float = Field(
+        default=40.0, ge=5, le=90, description="alpha in degrees, colatitude of the interface"
+    )
+    radius_um: Positive = Field(default=50.0, description="R in micrometres, only scales pictures")
+
+    @property
+    def thickness(self) -> float:
+        """Total thickness h in units of R."""
+        return 1.0 / self.radius_over_thickness
+
+    @property
+    def opening_angle(self) -> float:
+        """Opening angle alpha in radians."""
+        return math.radians(self.opening_angle_deg)
+
+    @property
+    def theta_bar(self) -> float:
+        """Depth and slenderness of the cap, theta_bar = alpha sqrt(R/h)."""
+        return self.opening_angle * math.sqrt(self.radius_over_thickness)
+
+
+def _default_thickness_points(data: dict[str, Any]) -> tuple[int, int, int]:
+    # For `paper` the rule is part of the model: it loses its root earlier with points nearer to
+    # the faces, and its reference numbers belong to (2, 3, 3).
+    return (2, 3, 3) if data.get("closure") == "paper" else (2, 5, 5)
+
+
+class Material(_Table):
+    """Layers and their law; the stress unit is the shear modulus of the IOV."""
+
+    thickness_ratio: Positive = Field(default=1 / 9, description="m = h_ECM/h_IOV in the cap")
+    modulus_ratio: Positive = Field(default=50.0, description="n = mu_ECM/mu_IOV; mu_OOV = mu_IOV")
+    poisson_ratio: float = Field(default=0.45, ge=0, lt=0.5, description="nu of every layer")
+    closure: Closure = Field(
+        default="layer-stretch", description="which lambda_3 feeds the kinematics"
+    )
+    thickness_points: tuple[PointCount, PointCount, PointCount] = Field(
+        default_factory=_default_thickness_points,
+        strict=False,  # a TOML array is a list
+        description="Gauss points through ECM, IOV, OOV",
+    )
+
+
+class Growth(_Table):
+    """In-plane growth factors of the layers, e = 1 + rate t_n."""
+
+    ecm: float = Field(default=0.0, description="rate of the ECM")
+    iov: float = Field(default=5.0, description="rate of the IOV")
+    oov: float = Field(default=1.5, description="rate of the OOV")
+    mass_change: bool = Field(
+        default=True, description="true: density-preserving growth, stress factor e^2; false: 1"
+    )
+
+    def factor(self, layer: Literal["ecm", "iov", "oov"], t_n: float) -> float:
+        """Return the growth factor e of a layer at the normalised time `t_n`."""
+        rate = {"ecm": self.ecm, "iov": self.iov, "oov": self.oov}[layer]
+        return 1.0 + rate * t_n
+
+
+class Run(_Table):
+    """Which discretisation, and how far."""
+
+    model: Literal["surface"] = Field(default="surface", description="discretisation of the shell")
+    t_end: Positive = Field(
+        default=1.0, description="last normalised time t_n; 1 is 20 h in the chick"
+    )
+
+
+class Mesh(_Table):
+    """Surface mesh, sizes in units of R."""
+
+    cell_size_cap: Positive = Field(default=0.18, description="cell size at the apex, in R")
+    cell_size_oov: Positive = Field(default=0.30, description="cell size away from the cap, in R")
+    cell_size_interface: Positive = Field(
+        default=0.12, description="cell size at theta = alpha, in R"
+    )
+    # Observables, records and pictures take cubic cells only.
+    degree: Literal[3] = Field(default=3, description="polynomial degree of the position")
+    seed: int = Field(default=1, ge=0, description="seed of the mesh generator")
+
+
+class Solver(_Table):
+    """Load stepping in t_n and Newton's method."""
+
+    initial_step: Positive = Field(default=0.01, description="first step in t_n")
+    max_step: Positive = Field(default=0.1, description="largest step in t_n")
+    min_step: Positive = Field(default=1e-5, description="smallest step in t_n before giving up")
+    growth_factor: float = Field(
+        default=1.5, gt=1, le=10, description="growth of the step on success"
+    )
+    max_iterations: int = Field(default=12, ge=1, description="Newton iterations a step")
+    tolerance: float = Field(default=1e-8, gt=0, lt=1, description="relative Newton tolerance")
+    max_move: Positive = Field(default=0.4, description="largest move of a node a step, in R")
+
+
+class Output(_Table):
+    """What is written."""
+
+    times: tuple[Annotated[float, Field(ge=0)], ...] = Field(
+        default=(),
+        strict=False,  # a TOML array is a list
+        description="t_n landed on exactly, with fields; default every 0.1 to t_end",
+    )
+    fields: bool = Field(default=True, description="write fields for ParaView at output.times")
+    picture: bool = Field(default=True, description="write summary.png")
+
+
+class Case(_Table):
+    """One run, complete and checked; immutable.
+
+    Build it with `load_case` or `parse_case`, which turn every mistake into a `CaseError`;
+    the constructor itself raises pydantic's `ValidationError`.
+    """
+
+    shape: Shape = Field(default=Shape(), description="geometry")
+    material: Material = Field(default=Material(), description="layers and closure")
+    growth: Growth = Field(default=Growth(), description="growth factors e = 1 + rate t_n")
+    run: Run = Field(default=Run(), description="discretisation and last time")
+    mesh: Mesh = Field(default=Mesh(), description="surface mesh")
+    solver: Solver = Field(default=Solver(), description="load stepping and Newton")
+    output: Output = Field(default=Output(), validate_default=True, description="what is written")
+
+    @field_validator("output", mode="after")
+    @classmethod
+    def _resolve_times(cls, output: Output, info: ValidationInfo) -> Output:
+        # The default follows run.t_end, which another table holds.
+        if "times" in output.model_fields_set or "run" not in info.data:
+            return output
+        t_end = info.data["run"].t_end
+        count = math.floor(10 * t_end + 1e-9)
+        times = [k / 10 for k in range(count + 1)]
+        if t_end - times[-1] > 1e-9:
+            times.append(t_end)
+        return output.model_copy(update={"times": tuple(times)})
+
+    @model_validator(mode="after")
+    def _cross_checks(self) -> Self:
+        for check in CROSS_CHECKS:
+            check(self)
+        return self

@@ -1,0 +1,55 @@
+"""The differences between dolfinx 0.9 and later versions, one small function each."""
+
+import importlib
+import importlib.metadata
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem, mesh
+from mpi4py import MPI
+
+__all__ = ["interpolation_points", "model_to_mesh"]
+
+
+def _version(distribution: str) -> tuple[int, int]:
+    """Return (major, minor) of an installed distribution."""
+    major, minor = importlib.metadata.version(distribution).split(".")[:2]
+    return int(major), int(minor)
+
+
+def model_to_mesh(model: Any, comm: MPI.Comm) -> tuple[mesh.Mesh, mesh.MeshTags, mesh.MeshTags]:
+    """Distribute a Gmsh model that lives on rank 0 (collective).
+
+    Module ``gmshio`` and a tuple in dolfinx 0.9, ``gmsh`` and a ``MeshData`` in later versions.
+
+    Args:
+        model: ``gmsh.model`` on rank 0; ignored elsewhere.
+        comm: Communicator of the mesh.
+
+    Returns:
+        Mesh with gdim 3 and no ghost cells, cell tags (dim 2) and facet tags (dim 1).
+    """
+    if _version("fenics-dolfinx") < (0, 10):
+        gmshio = importlib.import_module("dolfinx.io.gmshio")
+        msh, cell_tags, facet_tags = gmshio.model_to_mesh(model, comm, 0, gdim=3)
+        return msh, cell_tags, facet_tags
+    data = importlib.import_module("dolfinx.io.gmsh").model_to_mesh(model, comm, 0, gdim=3)
+    if data.facet_tags is None:
+        none = np.empty(0, dtype=np.int32)
+        return data.mesh, data.cell_tags, mesh.meshtags(data.mesh, 1, none, none)
+    return data.mesh, data.cell_tags, data.facet_tags
+
+
+def interpolation_points(space: fem.FunctionSpace) -> npt.NDArray[np.float64]:
+    """Return the reference points of a space's element, shape (number of points, 2).
+
+    A method in dolfinx 0.9, a property in later versions.  For Lagrange spaces these are
+    the element's nodes, in the order of a cell's degrees of freedom.
+    """
+    points = space.element.interpolation_points
+    return np.asarray(points() if callable(points) else points)
+
+
+KERNEL_HAS_CUSTOM_DATA = _version("fenics-ffcx") >= (0, 10)
+"""Whether FFCx kernels take a seventh argument, a pointer to custom data."""

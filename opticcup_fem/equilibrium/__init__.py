@@ -1,0 +1,1 @@
+"""Equilibria of a shell: one state (Newton), a jump (relaxation), a path (load stepping)."""

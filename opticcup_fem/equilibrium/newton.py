@@ -1,0 +1,232 @@
+"""One equilibrium: Newton's method on the mixed shell, driven by PETSc SNES.
+
+SNES sees the condensed unknowns u = (r, alpha); curvature and multiplier are carried along with
+every step (``condensation``), so that the iterates are those of the uncondensed system.  Full
+steps, no line search on the residual: it may rise by four orders of magnitude in the first
+iteration of a good solve.  The only cut is to stay admissible: a step that would turn a layer
+inside out is halved.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from opticcup_fem.equilibrium.problem import Problem
+from opticcup_fem.shell.closures import LostFibre
+from opticcup_fem.shell.condensation import CondensedCells
+from opticcup_fem.shell.model import LostPlace, ShellState
+
+Array = NDArray[np.float64]
+Reason = PETSc.SNES.ConvergedReason
+
+DIVERGED_RESIDUAL = 1e8
+"""A residual above this (unit: mu_IOV R^2) has left every basin of attraction."""
+
+WANDERING = 10.0
+"""From the third iteration on, a residual this many times the smallest one so far means that the
+iteration wanders (beyond a limit point it does so for ever); solves that converge never do."""
+
+SMALLEST_FRACTION = 0.02
+"""Newton steps are not cut below this fraction."""
+
+
+class Drag(NamedTuple):
+    """Viscous term rate M (u - u_start) of a backward Euler step.
+
+    Attributes:
+        mass: Diagonal of M.
+        rate: One over the step of fictitious time.
+    """
+
+    mass: PETSc.Vec
+    rate: float
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Outcome of one Newton solve.
+
+    Attributes:
+        state: Last iterate; an equilibrium only where ``converged``.
+        converged: Whether the residual fell below the tolerance.
+        reason: PETSc's name of the reason, or "LOST_FIBRE" where no admissible step exists.
+        iterations: Newton iterations, each one factorisation.
+        residual: Final residual norm.
+        lost: The fibre that allowed no step, and its place, where that was the reason.
+    """
+
+    state: ShellState
+    converged: bool
+    reason: str
+    iterations: int
+    residual: float
+    lost: LostPlace | None = None
+
+
+class MixedNewton:
+    """Reusable Newton solver of a problem."""
+
+    def __init__(self, problem: Problem, tolerance: float = 1e-8, max_iterations: int = 15) -> None:
+        """Set SNES up.
+
+        Args:
+            problem: Assembly and factorisation.
+            tolerance: Absolute tolerance on the norm of all residuals, condensed and local.
+            max_iterations: Iterations after which a solve is given up.
+        """
+        self.problem = problem
+        self.tolerance, self.max_iterations = tolerance, max_iterations
+        self.monitor: Callable[[int, float], None] | None = None
+        self._residual = problem.vector.duplicate()
+        self._x = problem.vector.duplicate()
+        self._snes = self._make_snes()
+
+    def _make_snes(self) -> PETSc.SNES:
+        problem = self.problem
+        options = PETSc.Options()
+        snes = PETSc.SNES().create(problem.comm)
+        prefix = f"opticcup_{id(self):x}_"
+        snes.setOptionsPrefix(prefix)
+        options[f"{prefix}snes_linesearch_type"] = "basic"
+        # the residual may grow by orders of magnitude: no test of divergence (-3 switches it off)
+        options[f"{prefix}snes_divergence_tolerance"] = -3
+        snes.setType(PETSc.SNES.Type.NEWTONLS)
+        snes.setFunction(self._function, self._residual)
+        snes.setJacobian(self._jacobian, problem.matrix)
+        snes.setKSP(problem.ksp)
+        snes.setFromOptions()
+        for key in ("snes_linesearch_type", "snes_divergence_tolerance"):
+            options.delValue(prefix + key)
+        snes.setTolerances(max_it=self.max_iterations)
+        snes.setConvergenceTest(self._converged)
+        snes.setLineSearchPreCheck(self._shorten)
+        return snes
+
+    def solve(self, state: ShellState, drag: Drag | None = None) -> Solution:
+        """Solve for equilibrium at the shell's present growth, starting at ``state`` (collective).
+
+        Args:
+            state: First iterate.
+            drag: Viscous term against moving away from ``state``.
+
+        Returns:
+            The outcome; a failure is a value, not an exception.
+        """
+        self._state, self._fraction, self._drag = state, 1.0, drag
+        self._cells: CondensedCells | None = None
+        self._lost: LostPlace | None = None
+        self._norm, self._smallest = np.inf, np.inf
+        self._x.array[:] = self.problem.global_values(state)
+        self._base = self._start = self._x.array.copy()
+        self._snes.solve(None, self._x)
+        reason = self._snes.getConvergedReason()
+        name = _reason_name(reason) if self._lost is None else "LOST_FIBRE"
+        return Solution(
+            self._state,
+            reason > 0 and self._lost is None,
+            name,
+            self._snes.getIterationNumber(),
+            self._norm,
+            self._lost,
+        )
+
+    # --- callbacks ----------------------------------------------------------------------------
+
+    def _function(self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
+        """Move the state to ``x`` and return its condensed residual."""
+        problem = self.problem
+        if self._cells is not None:
+            self._move(x.array_r - self._base)
+        try:
+            self._cells = problem.shell.condensed(self._state)
+            mine = True
+        except LostFibre:
+            mine = False
+        if not problem.comm.allreduce(mine, MPI.LAND):
+            self._lost, self._norm = problem.shell.lost_fibre(self._state), np.inf
+            f.set(np.inf)
+            return
+        assert self._cells is not None
+        problem.assemble_vector(self._cells.gradient, f)
+        if self._drag is not None:
+            f.array[:] += self._drag.rate * self._drag.mass.array_r * (self._base - self._start)
+        local = self._cells.local_residual(self._state.sigma)
+        local_square = sum(float(np.sum(part * part)) for part in local)
+        total = problem.comm.allreduce(local_square + float(np.sum(f.array_r**2)))
+        self._norm = float(np.sqrt(total))
+
+    def _move(self, owned_step: Array) -> None:
+        """Move (r, alpha) by a step and (kappa, sigma) by what belongs to it."""
+        self._state = self._stepped(owned_step, self._fraction)
+        self._base = self._base + owned_step
+
+    def _stepped(self, owned_step: Array, fraction: float) -> ShellState:
+        problem, state, cells = self.problem, self._state, self._cells
+        assert cells is not None
+        local = problem.to_local(owned_step)
+        dr, dalpha = problem.split(local)
+        dkappa, dsigma = cells.local_update(problem.on_cells(local), state.sigma, fraction)
+        return replace(
+            state,
+            r=state.r + dr,
+            alpha=state.alpha + dalpha,
+            kappa=state.kappa + dkappa,
+            sigma=state.sigma + dsigma,
+        )
+
+    def _jacobian(
+        self, snes: PETSc.SNES, x: PETSc.Vec, matrix: PETSc.Mat, preconditioner: PETSc.Mat
+    ) -> None:
+        assert self._cells is not None
+        self.problem.assemble_tangent(self._cells)
+        if self._drag is not None:
+            self.problem.add_diagonal(self._drag.mass, self._drag.rate)
+
+    def _shorten(self, x: PETSc.Vec, y: PETSc.Vec) -> bool:
+        """Halve the step y (the iterate becomes x - y) until every layer stays admissible."""
+        self._fraction = 1.0
+        full = -y.array_r.copy()
+        while True:
+            trial = self._stepped(self._fraction * full, self._fraction)
+            lost = self.problem.shell.lost_fibre(trial)
+            if lost is None:
+                break
+            if self._fraction < SMALLEST_FRACTION:
+                self._lost = lost
+                break
+            self._fraction /= 2
+        if self._fraction < 1.0:
+            y.scale(self._fraction)
+        return self._fraction < 1.0
+
+    def _converged(
+        self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]
+    ) -> Any:
+        if self.monitor is not None:
+            self.monitor(iteration, self._norm)
+        if self._lost is not None or not np.isfinite(self._norm):
+            return Reason.DIVERGED_FUNCTION_DOMAIN
+        if self._norm < self.tolerance:
+            return Reason.CONVERGED_FNORM_ABS
+        wandering = iteration >= 3 and self._norm > WANDERING * self._smallest
+        self._smallest = min(self._norm, self._smallest)
+        if wandering or self._norm > DIVERGED_RESIDUAL:
+            return Reason.DIVERGED_DTOL
+        if iteration >= self.max_iterations:
+            return Reason.DIVERGED_MAX_IT
+        return Reason.ITERATING
+
+
+def _reason_name(reason: int) -> str:
+    """Return PETSc's name of a converged reason."""
+    for name, value in vars(Reason).items():
+        if value == reason and not name.startswith("_"):
+            return name
+    return str(reason)

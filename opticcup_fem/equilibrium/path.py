@@ -1,0 +1,261 @@
+"""Load stepping in t_n along stable equilibria, through limit points by relaxation."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from opticcup_fem.equilibrium.newton import MixedNewton, Solution
+from opticcup_fem.equilibrium.problem import Problem
+from opticcup_fem.equilibrium.jumps import Relaxation
+from opticcup_fem.equilibrium.relaxation import Relaxed
+from opticcup_fem.errors import ClosureBreakdown, ConvergenceError, OpticCupError
+from opticcup_fem.shell.model import Shell, ShellState
+
+TIME_EPSILON = 1e-12
+"""Two normalised times closer than this are the same."""
+
+
+@dataclass(frozen=True)
+class StepControl:
+    """How far a step in t_n may go.
+
+    Attributes:
+        initial: First step, and first step after a jump.
+        largest: No step is longer.
+        smallest: No step is shorter; a jump is looked for instead.
+        growth: Factor after a quick step.
+        cut: Factor after a failed one.
+        quick: A step of at most this many iterations is quick.
+        max_move: Largest move of a node in one step, unit R.
+    """
+
+    initial: float = 0.01
+    largest: float = 0.1
+    smallest: float = 1e-4
+    growth: float = 1.5
+    cut: float = 0.4
+    quick: int = 6
+    max_move: float = 0.4
+
+
+@dataclass(frozen=True)
+class PathPoint:
+    """An accepted, stable equilibrium.
+
+    Attributes:
+        t_n: Normalised time.
+        state: The equilibrium.
+        jump: Whether it was reached by relaxation from a state that had lost its stability.
+        negative_eigenvalues: Of the tangent; None where the closure has no energy.
+        iterations: Newton iterations or descent steps that the point took, failures included.
+        residual: Norm of the residual.
+        energy: Strain energy (for closures without one: the integral of Psi_0).
+    """
+
+    t_n: float
+    state: ShellState
+    jump: bool
+    negative_eigenvalues: int | None
+    iterations: int
+    residual: float
+    energy: float
+
+
+@dataclass(frozen=True)
+class PathEnd:
+    """Why a path ended before its end: the last attempt and the time that it was for."""
+
+    t_n: float
+    attempt: Solution | Relaxed
+
+
+class LoadStepping:
+    """Follows stable equilibria from t_n = 0.
+
+    Attributes:
+        end: Set when the path could not be followed to its end.
+        accepted: Number of accepted steps.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        newton: MixedNewton,
+        relaxation: Relaxation,
+        control: StepControl,
+    ) -> None:
+        """Keep the parts.
+
+        Args:
+            problem: The shell's global problem.
+            newton: Solver of one state.
+            relaxation: Way down from a lost state.
+            control: Step control.
+        """
+        self.problem, self.newton, self.relaxation = problem, newton, relaxation
+        self.control = control
+        self.end: PathEnd | None = None
+        self.accepted = 0
+
+    def count_iterations(self, count: Callable[[], None]) -> None:
+        """Have ``count`` called at every Newton iteration and relaxation step."""
+        self.newton.monitor = lambda iteration, residual: count()
+        self.relaxation.monitor = lambda iteration, residual, energy: count()
+
+    def failure(self) -> OpticCupError | None:
+        """Return why the path ended early, None if it did not.
+
+        Where no admissible step existed it is the closure that broke down, with place and
+        height, and not the iteration.
+        """
+        if self.end is None:
+            return None
+        t_n, attempt = self.end.t_n, self.end.attempt
+        if attempt.lost is not None:
+            fibre, place = attempt.lost
+            closure = self.problem.shell.closure
+            return ClosureBreakdown(closure, fibre.layer, fibre.height, place, t_n)
+        return ConvergenceError(
+            attempt.reason, t_n, self.accepted, attempt.iterations, attempt.residual
+        )
+
+    def follow(
+        self, state: ShellState, t_end: float, times: Sequence[float] = ()
+    ) -> Iterator[PathPoint]:
+        """Yield the accepted states from t_n = 0 to ``t_end``, exactly at ``times`` too.
+
+        Args:
+            state: Equilibrium at t_n = 0; it is the first point.
+            t_end: Last normalised time.
+            times: Normalised times to land on.
+        """
+        control, shell = self.control, self.problem.shell
+        shell.set_time(0.0)
+        yield PathPoint(0.0, state, False, 0, 0, 0.0, shell.energy(state))
+        landings = sorted({*times, t_end})
+        t, dt, spent = 0.0, control.initial, 0
+        history = _History()
+        history.add(t, state)
+        while t < t_end - TIME_EPSILON:
+            target, dt_used = _next_time(t, history.limited(dt, control.smallest), landings)
+            shell.set_time(target)
+            solution = self.newton.solve(history.predict(shell, target))
+            spent += solution.iterations
+            if self._is_good(solution, state):
+                state = shell.with_updated_directors(solution.state)
+                t = target
+                history.add(t, state)
+                self.accepted += 1
+                yield self._point(t, state, solution, spent)
+                quick = solution.iterations <= control.quick
+                dt = min(max(dt, dt_used) * (control.growth if quick else 1.0), control.largest)
+                spent = 0
+                continue
+            dt = control.cut * dt_used
+            history.block(target)
+            if dt_used > control.smallest * (1 + 1e-6):
+                continue
+            target = min(t + control.smallest, t_end)
+            shell.set_time(target)
+            relaxed = self.relaxation.relax(state)
+            if not relaxed.converged:
+                self.end = PathEnd(target, solution if relaxed.lost is None else relaxed)
+                return
+            t, state, dt = target, relaxed.state, control.initial
+            self.accepted += 1
+            history = _History()
+            history.add(t, state)
+            yield PathPoint(
+                t, state, True, 0, spent + relaxed.factorisations, 0.0, relaxed.energy
+            )
+            spent = 0
+
+    def _is_good(self, solution: Solution, before: ShellState) -> bool:
+        """Whether a solution may be accepted: converged, near, and stable."""
+        if not solution.converged:
+            return False
+        inertia = self.problem.inertia()
+        if inertia is not None and inertia.negative > 0:
+            return False
+        moved = np.linalg.norm(solution.state.r - before.r, axis=1)
+        return self.problem.largest(moved) <= self.control.max_move
+
+    def _point(self, t: float, state: ShellState, solution: Solution, spent: int) -> PathPoint:
+        inertia = self.problem.inertia()
+        negative = None if inertia is None else inertia.negative
+        energy = self.problem.shell.energy(state)
+        return PathPoint(t, state, False, negative, spent, solution.residual, energy)
+
+
+def _next_time(t: float, dt: float, landings: Sequence[float]) -> tuple[float, float]:
+    """Return the next time and the step to it, landing exactly where it is due.
+
+    A step that would stop just short of a landing goes half the way instead of leaving a sliver.
+    """
+    due = next(time for time in landings if time > t + TIME_EPSILON)
+    if t + dt >= due - TIME_EPSILON:
+        return due, due - t
+    if t + 1.5 * dt > due:
+        return t + (due - t) / 2, (due - t) / 2
+    return t + dt, dt
+
+
+class _History:
+    """The last accepted states: predictor, and an estimate of how near a limit point is."""
+
+    def __init__(self) -> None:
+        self._points: list[tuple[float, ShellState]] = []
+        self._blocked = math.inf
+
+    def add(self, t: float, state: ShellState) -> None:
+        """Append an accepted state; three are remembered."""
+        self._points = [*self._points[-2:], (t, state)]
+        if t >= self._blocked:
+            self._blocked = math.inf
+
+    def block(self, t: float) -> None:
+        """Remember that a step to ``t`` failed."""
+        self._blocked = min(t, self._blocked)
+
+    def predict(self, shell: Shell, t: float) -> ShellState:
+        """Return the guess at ``t``: polynomial extrapolation through up to three states."""
+        times = [time for time, _ in self._points]
+        _, last = self._points[-1]
+        guess = last
+        for i, (time, state) in enumerate(self._points[:-1]):
+            weight = math.prod(
+                (t - other) / (time - other) for j, other in enumerate(times) if j != i
+            )
+            guess = guess.plus(state.minus(last), weight)
+        return shell.with_mean_directors(guess)
+
+    def limited(self, dt: float, smallest: float) -> float:
+        """Return ``dt``, or less near a failed step or where the path bends to a limit point.
+
+        Near a fold t is quadratic in the distance moved; its maximum through the last three
+        states estimates the fold, and a step goes at most 0.8 of the way there.
+        """
+        to_fold = self._distance_to_fold()
+        ahead = 0.8 * to_fold
+        to_failure = self._blocked - self._points[-1][0]
+        if to_fold < 3 * to_failure:
+            ahead = min(ahead, 0.5 * to_failure)
+        return min(dt, max(ahead, smallest))
+
+    def _distance_to_fold(self) -> float:
+        """Return the estimated distance in t_n to the next limit point, inf where none shows."""
+        if len(self._points) < 3:
+            return math.inf
+        (t_0, a), (t_1, b), (t_2, c) = self._points
+        s_1 = float(np.sqrt(np.mean((b.r - a.r) ** 2)))
+        s_2 = float(np.sqrt(np.mean((c.r - b.r) ** 2)))
+        rate_1, rate_2 = (t_1 - t_0) / s_1, (t_2 - t_1) / s_2
+        bend = (rate_2 - rate_1) / (s_1 + s_2)
+        slope = rate_2 + bend * s_2
+        if bend >= 0:
+            return math.inf
+        return slope * slope / (-4 * bend) if slope > 0 else 0.0

@@ -1,0 +1,205 @@
+"""The global problem of a shell: PETSc vectors and matrix, factorisation and inertia."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from opticcup_fem.shell.condensation import CondensedCells
+from opticcup_fem.shell.model import Shell, ShellState
+from opticcup_fem.shell.spaces import number_unknowns
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Inertia:
+    """Numbers of negative, zero and positive eigenvalues of a symmetric tangent."""
+
+    negative: int
+    zero: int
+    positive: int
+
+
+class Problem:
+    """Assembly and linear algebra in the unknowns u = (r, alpha) of a shell.
+
+    Attributes:
+        shell: The shell.
+        held: Mask of held unknowns over the rank's local unknowns (see ``shell.supports``).
+        matrix: The tangent H.
+        symmetric: Whether H is symmetric and factorised as L D L^T.
+    """
+
+    def __init__(self, shell: Shell, held: NDArray[np.bool_]) -> None:
+        """Number the unknowns and allocate (collective).
+
+        Args:
+            shell: The shell.
+            held: Mask of held unknowns; their rows and columns become those of the identity.
+        """
+        self.shell, self.held = shell, held
+        self.comm: MPI.Comm = shell.comm
+        self.symmetric = shell.has_energy
+        self._numbering = number_unknowns(shell.spaces)
+        self._split = 3 * shell.spaces.n_nodes
+        self._map_cells()
+        self._allocate()
+        self._make_solver()
+
+    def _map_cells(self) -> None:
+        """Local numbers of the unknowns of every cell, shape (n_cells, n_u)."""
+        shell, spaces = self.shell, self.shell.spaces
+        positions = 3 * spaces.nodes[:, :, None] + np.arange(3)
+        slots = np.arange(spaces.n_edges * spaces.degree).reshape(-1, spaces.degree)
+        angles = self._split + shell.directors.per_cell(slots)
+        n = spaces.n_cells
+        self.cell_unknowns = np.concatenate(
+            [positions.reshape(n, -1), angles.reshape(n, -1)], axis=1
+        ).astype(np.int32)
+        # PETSc skips negative numbers: held unknowns receive nothing
+        self._inserted = np.where(self.held[self.cell_unknowns], -1, self.cell_unknowns).astype(
+            np.int32
+        )
+
+    def _allocate(self) -> None:
+        numbering = self._numbering
+        sizes = (numbering.owned, None)
+        self._map = PETSc.LGMap().create(numbering.local_to_global, comm=self.comm)
+        self._start = int(self.comm.exscan(numbering.owned) or 0) if self.comm.rank else 0
+        self.matrix = PETSc.Mat().createAIJ((sizes, sizes), comm=self.comm)
+        self.matrix.setLGMap(self._map, self._map)
+        self.matrix.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
+        self._preallocate()
+        if self.symmetric:
+            self.matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+            self.matrix.setOption(PETSc.Mat.Option.SYMMETRY_ETERNAL, True)
+        n = numbering.local_to_global
+        self._is_ghost = (n < self._start) | (n >= self._start + numbering.owned)
+        ghosts = n[self._is_ghost]
+        self.vector = PETSc.Vec().createGhost(ghosts, sizes, comm=self.comm)
+        self._local_slot = np.empty(len(n), dtype=np.int64)
+        self._local_slot[~self._is_ghost] = n[~self._is_ghost] - self._start
+        self._local_slot[self._is_ghost] = numbering.owned + np.arange(len(ghosts))
+        self._held_owned = n[self.held & ~self._is_ghost].astype(np.int32)
+
+    def _preallocate(self) -> None:
+        """Reserve the pattern of the cells, and the diagonal of the held unknowns."""
+        preallocator = PETSc.Mat().create(comm=self.comm)
+        preallocator.setType(PETSc.Mat.Type.PREALLOCATOR)
+        preallocator.setSizes(((self._numbering.owned, None), (self._numbering.owned, None)))
+        preallocator.setLGMap(self._map, self._map)
+        preallocator.setUp()
+        n_u = self.cell_unknowns.shape[1]
+        self._insert(preallocator, np.zeros((len(self._inserted), n_u, n_u)))
+        diagonal = np.arange(self._start, self._start + self._numbering.owned, dtype=np.int32)
+        for i in diagonal:
+            preallocator.setValue(i, i, 0.0, addv=PETSc.InsertMode.ADD_VALUES)
+        preallocator.assemble()
+        preallocator.preallocatorPreallocate(self.matrix)
+
+    def _insert(self, matrix: PETSc.Mat, cells: Array) -> None:
+        matrix.setValuesLocalRCV(
+            self._inserted, self._inserted, cells, addv=PETSc.InsertMode.ADD_VALUES
+        )
+
+    def _make_solver(self) -> None:
+        self.ksp = PETSc.KSP().create(self.comm)
+        self.ksp.setType(PETSc.KSP.Type.PREONLY)
+        self.ksp.setOperators(self.matrix)
+        self.configure(self.ksp)
+
+    def configure(self, ksp: PETSc.KSP) -> None:
+        """Make a KSP factorise by MUMPS: L D L^T with its inertia, or L U."""
+        pc = ksp.getPC()
+        pc.setType(PETSc.PC.Type.CHOLESKY if self.symmetric else PETSc.PC.Type.LU)
+        pc.setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
+        pc.setFactorSetUpSolverType()
+        factor = pc.getFactorMatrix()
+        factor.setMumpsIcntl(13, 1)  # a parallel root would hide part of the inertia
+        factor.setMumpsIcntl(24, 1)  # null pivots are counted, not divided by
+        factor.setMumpsIcntl(14, 60)  # room for pivoting
+
+    # --- vectors ------------------------------------------------------------------------------
+
+    def global_values(self, state: ShellState) -> Array:
+        """Return the rank's owned values of u = (r, alpha), in global order."""
+        local = np.concatenate([state.r.ravel(), state.alpha.ravel()])
+        return local[self._numbering.owned_local]
+
+    def to_local(self, owned: Array) -> Array:
+        """Return all local values (owned and ghost) from the owned ones (collective)."""
+        with self.vector.localForm() as local:
+            local.array[: len(owned)] = owned
+        self.vector.ghostUpdate(PETSc.InsertMode.INSERT, PETSc.ScatterMode.FORWARD)
+        with self.vector.localForm() as local:
+            values: Array = local.array_r[self._local_slot]
+        return values
+
+    def split(self, local: Array) -> tuple[Array, Array]:
+        """Return local values as positions (n_nodes, 3) and angles (n_edges, k)."""
+        degree = self.shell.spaces.degree
+        return local[: self._split].reshape(-1, 3), local[self._split :].reshape(-1, degree)
+
+    def on_cells(self, local: Array) -> Array:
+        """Return local values cell by cell, shape (n_cells, n_u)."""
+        return local[self.cell_unknowns]
+
+    def assemble_vector(self, cells: Array, out: PETSc.Vec) -> None:
+        """Add up cell vectors into ``out``; held unknowns get zero (collective)."""
+        n_local = len(self._numbering.local_to_global)
+        summed = np.bincount(
+            self.cell_unknowns.ravel(), weights=cells.ravel(), minlength=n_local
+        )
+        summed[self.held] = 0.0
+        with self.vector.localForm() as local:
+            local.array[self._local_slot] = summed
+        self.vector.ghostUpdate(PETSc.InsertMode.ADD, PETSc.ScatterMode.REVERSE)
+        out.array[:] = self.vector.array_r
+
+    def norm(self, owned: Array) -> float:
+        """Return the Euclidean norm of values spread over the ranks (collective)."""
+        return float(np.sqrt(self.comm.allreduce(np.sum(owned * owned))))
+
+    def largest(self, values: Array) -> float:
+        """Return the largest of values spread over the ranks (collective)."""
+        return float(self.comm.allreduce(np.max(values, initial=0.0), MPI.MAX))
+
+    # --- tangent ------------------------------------------------------------------------------
+
+    def assemble_tangent(self, cells: CondensedCells) -> None:
+        """Assemble H from the condensed cells (collective)."""
+        self.matrix.zeroEntries()
+        self._insert(self.matrix, cells.hessian)
+        for i in self._held_owned:
+            self.matrix.setValue(i, i, 1.0, addv=PETSc.InsertMode.ADD_VALUES)
+        self.matrix.assemble()
+
+    def add_diagonal(self, diagonal: PETSc.Vec, factor: float) -> None:
+        """Add ``factor`` times a diagonal to the assembled tangent (collective)."""
+        scaled = diagonal.copy()
+        scaled.scale(factor)
+        self.matrix.setDiagonal(scaled, addv=PETSc.InsertMode.ADD_VALUES)
+
+    def factorise(self) -> None:
+        """Factorise the present tangent (collective).
+
+        Raises:
+            PETSc.Error: MUMPS failed.
+        """
+        self.ksp.setUp()
+        self.ksp.getPC().setUp()
+
+    def inertia(self) -> Inertia | None:
+        """Return the inertia of the factorised tangent, None where it is not symmetric.
+
+        Held unknowns count as positive.
+        """
+        if not self.symmetric:
+            return None
+        negative, zero, positive = self.ksp.getPC().getFactorMatrix().getInertia()
+        return Inertia(negative, zero, positive)

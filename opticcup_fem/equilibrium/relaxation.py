@@ -1,0 +1,178 @@
+r"""Jumps: from a state that has lost its stability down to the next stable equilibrium.
+
+For closures with an energy E(r, alpha) (kappa and sigma in local equilibrium): a Levenberg-
+Marquardt descent.  Each step solves (H + s M) p = -g with the smallest tried shift s for which
+L D L^T finds no negative pivot, is capped in length, and must lower the energy (Armijo).  It can
+therefore only end in a state that is stable, axisymmetric or not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from opticcup_fem.equilibrium.problem import Problem
+from opticcup_fem.shell.condensation import CondensedCells
+from opticcup_fem.shell.model import LostPlace, ShellState
+
+Array = NDArray[np.float64]
+
+ARMIJO = 1e-4
+"""Least decrease of the energy, as a fraction of what the slope promises."""
+
+
+@dataclass(frozen=True)
+class Relaxed:
+    """Outcome of a relaxation.
+
+    Attributes:
+        state: Last state, in local equilibrium.
+        converged: Whether it is a stable equilibrium.
+        iterations: Accepted steps.
+        factorisations: Factorisations spent.
+        energy: Energy of ``state``.
+        residual: Norm of the condensed residual.
+        reason: What stopped it, in words.
+        lost: The fibre that stopped it, and its place, where that was the reason.
+    """
+
+    state: ShellState
+    converged: bool
+    iterations: int
+    factorisations: int
+    energy: float
+    residual: float
+    reason: str
+    lost: LostPlace | None = None
+
+
+def lumped_mass(problem: Problem) -> PETSc.Vec:
+    """Return the diagonal metric M of shifts, larger than zero (collective).
+
+    Positions carry the reference area around their node, angles that of a strip of width h along
+    their edge times h^2/12, so that shifts mean the same on every mesh.
+    """
+    shell, spaces = problem.shell, problem.shell.spaces
+    points, weights = shell.forms.quadrature_points, shell.weights
+    nodal = np.einsum("cq,qn->cn", weights, spaces.position_table(points))
+    corners = spaces.coordinates
+    lengths = np.linalg.norm(corners[:, [2, 2, 1]] - corners[:, [1, 0, 0]], axis=2)
+    gauss = np.polynomial.legendre.leggauss(spaces.degree)[1] / 2
+    strip = 0.5 * lengths[:, :, None] * gauss * shell.thickness**3 / 12
+    n = spaces.n_cells
+    cells = np.concatenate(
+        [np.repeat(np.abs(nodal), 3, axis=1), strip.reshape(n, -1)], axis=1
+    )
+    mass = problem.vector.duplicate()
+    problem.assemble_vector(cells, mass)
+    return mass
+
+
+class EnergyDescent:
+    """Levenberg-Marquardt descent of the energy of a problem with a symmetric tangent."""
+
+    def __init__(
+        self,
+        problem: Problem,
+        tolerance: float = 1e-8,
+        max_iterations: int = 400,
+        max_move: float = 0.1,
+    ) -> None:
+        """Set the descent up.
+
+        Args:
+            problem: Assembly and factorisation; must be symmetric.
+            tolerance: Norm of the gradient below which the state counts as an equilibrium.
+            max_iterations: Accepted steps after which it gives up.
+            max_move: Largest move of a node in one step, unit of length of the mesh.
+        """
+        assert problem.symmetric
+        self.problem, self.tolerance = problem, tolerance
+        self.max_iterations, self.max_move = max_iterations, max_move
+        self._mass = lumped_mass(problem)
+        self._gradient = problem.vector.duplicate()
+        self._step = problem.vector.duplicate()
+        self.monitor: Callable[[int, float, float], None] | None = None
+
+    def relax(self, state: ShellState) -> Relaxed:
+        """Descend from ``state`` at the shell's present growth (collective)."""
+        shell, problem = self.problem.shell, self.problem
+        state = shell.with_local_equilibrium(shell.with_updated_directors(state))
+        energy = shell.energy(state)
+        shift, factorisations = 0.0, 0
+        for iteration in range(self.max_iterations + 1):
+            cells = shell.condensed(state)
+            problem.assemble_vector(cells.gradient, self._gradient)
+            norm = self._gradient.norm()
+            if self.monitor is not None:
+                self.monitor(iteration, norm, energy)
+            shift, spent = self._factorise(cells, shift)
+            factorisations += spent
+            if norm < self.tolerance and shift == 0.0:
+                return Relaxed(state, True, iteration, factorisations, energy, norm, "converged")
+            accepted = self._line_search(state, energy)
+            if accepted is None:
+                reason = "no step lowers the energy"
+                return Relaxed(state, False, iteration, factorisations, energy, norm, reason)
+            state, energy, fraction = accepted
+            shift = shift / 8 if fraction > 0.5 else shift
+            if shift < 1e-6:
+                shift = 0.0
+        reason = f"{self.max_iterations} steps were not enough"
+        return Relaxed(state, False, self.max_iterations, factorisations, energy, norm, reason)
+
+    def _factorise(self, cells: CondensedCells, shift: float) -> tuple[float, int]:
+        """Factorise H + s M with s >= ``shift`` raised until no pivot is negative.
+
+        Returns:
+            The shift and the number of factorisations.
+        """
+        problem = self.problem
+        problem.assemble_tangent(cells)
+        applied, spent = 0.0, 0
+        while True:
+            if shift > applied:
+                problem.add_diagonal(self._mass, shift - applied)
+                applied = shift
+            problem.factorise()
+            spent += 1
+            inertia = problem.inertia()
+            assert inertia is not None
+            if inertia.negative == 0 and inertia.zero == 0:
+                return shift, spent
+            shift = max(4 * shift, 1e-3)
+
+    def _line_search(
+        self, state: ShellState, energy: float
+    ) -> tuple[ShellState, float, float] | None:
+        """Return (state, energy, fraction) after a step that lowers the energy, or None."""
+        problem, shell = self.problem, self.problem.shell
+        problem.ksp.solve(self._gradient, self._step)
+        slope = -self._gradient.dot(self._step)
+        local = problem.to_local(-self._step.array_r)
+        dr, dalpha = problem.split(local)
+        longest = problem.largest(np.linalg.norm(dr, axis=1))
+        fraction = min(1.0, self.max_move / longest) if longest > 0 else 1.0
+        smallest_change = 1e-13 * max(abs(energy), 1e-3)
+        while fraction > 1e-6:
+            trial = replace(state, r=state.r + fraction * dr, alpha=state.alpha + fraction * dalpha)
+            reached = self._energy_of(trial)
+            if reached is not None:
+                trial, value = reached
+                if value <= energy + ARMIJO * fraction * slope + smallest_change:
+                    return shell.with_updated_directors(trial), value, fraction
+            fraction /= 2
+        return None
+
+    def _energy_of(self, trial: ShellState) -> tuple[ShellState, float] | None:
+        """Return the trial in local equilibrium with its energy, None if it is inadmissible."""
+        shell = self.problem.shell
+        trial = replace(trial, kappa=shell.curvature_of(trial))
+        if shell.lost_fibre(trial) is not None:
+            return None
+        trial = shell.with_local_equilibrium(trial)
+        return trial, shell.energy(trial)

@@ -1,0 +1,61 @@
+"""Observables against t_n: branches apart, jumps dashed, events marked."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from opticcup_fem.plots import style
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+def branches(path: "pd.DataFrame") -> "list[pd.DataFrame]":
+    """Return the path cut before every row that follows a jump."""
+    number = path["jump"].astype(bool).cumsum() if "jump" in path else path["t_n"] * 0
+    return [branch for _, branch in path.groupby(number, sort=True)]
+
+
+def draw_path(axes: Axes, path: "pd.DataFrame", name: str, colour: str, label: str = "") -> None:
+    """Draw one column against t_n: lines along branches, a dashed line over each jump."""
+    parts = branches(path)
+    for k, branch in enumerate(parts):
+        axes.plot(branch["t_n"], branch[name], color=colour, label=label if k == 0 else "")
+    for before, after in pairwise(parts):
+        ends = [before.iloc[-1], after.iloc[0]]
+        t, y = ([float(row[key]) for row in ends] for key in ("t_n", name))
+        axes.plot(t, y, color=colour, linewidth=0.9, linestyle=(0, (2, 2)))
+    axes.set_xlabel(style.SYMBOLS["t_n"])
+    axes.set_ylabel(style.SYMBOLS.get(name, name))
+
+
+def value_at(path: "pd.DataFrame", name: str, event: dict[str, Any]) -> float:
+    """Return a column's value at an event: on the branch that ends there, if it is a jump."""
+    t_n = float(event["t_n"])
+    before = [b for b in branches(path) if float(b["t_n"].iloc[0]) <= t_n]
+    on = before[-1] if before else path
+    return float(np.interp(t_n, on["t_n"], on[name]))
+
+
+def mark_events(
+    axes: Axes, path: "pd.DataFrame", name: str, events: Sequence[dict[str, Any]], colour: str
+) -> None:
+    """Put each event's marker on the curve of one column, labelled with kind, type and t_n."""
+    for event in events:
+        marker, label = style.EVENT_MARKERS[event["kind"]]
+        wavenumber = f", m = {event['wavenumber']}" if "wavenumber" in event else ""
+        axes.plot(
+            [float(event["t_n"])],
+            [value_at(path, name, event)],
+            linestyle="none",
+            marker=marker,
+            markersize=8,
+            markerfacecolor="white",
+            markeredgecolor=colour,
+            markeredgewidth=1.4,
+            zorder=5,
+            label=f"{label} ({event['type']}{wavenumber}), $t_n$ = {float(event['t_n']):.4f}",
+        )

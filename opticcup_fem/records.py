@@ -1,0 +1,219 @@
+"""The folder of a run: what is written as it goes, and how it is read again.
+
+``case.toml`` the resolved case; ``path.csv`` one row a state; ``events.json``; ``fields.pvd`` and
+``fields/`` for ParaView; ``sections.npz`` meridian sections; pictures made from these.  Whenever a
+run is cut short, the files in its folder are complete up to there.
+"""
+
+import csv
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self, TextIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from opticcup_fem.errors import CaseError
+from opticcup_fem.fields import replace_text, write_collection, write_fields
+from opticcup_fem.sampling import azimuths
+from opticcup_fem.sections import Meridians, Section, SectionPart
+from opticcup_fem.snapshot import Snapshot
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+CASE, PATH, EVENTS = "case.toml", "path.csv", "events.json"
+SECTIONS, COLLECTION, FIELDS = "sections.npz", "fields.pvd", "fields"
+SUMMARY, COMPARISON, SOLID = "summary.png", "comparison.png", "cup.png"
+
+AZIMUTHS = 8
+"""Meridian sections of each state: four planes through the axis."""
+
+
+class RunFolder:
+    """Writes the records of one run.  To be used as a context manager, by one process only."""
+
+    def __init__(self, path: str | Path, case_text: str, *, overwrite: bool = False) -> None:
+        """Make the folder and write the case into it.
+
+        Args:
+            path: The folder; made with its parents.
+            case_text: What case.toml shall say.
+            overwrite: Whether an earlier run's records in the folder are deleted first; other
+                files in it are never touched.
+
+        Raises:
+            CaseError: The folder cannot be made or written, or holds a run already.
+        """
+        self.path = Path(path)
+        if not overwrite and ((self.path / CASE).exists() or (self.path / PATH).exists()):
+            raise CaseError(
+                f"{self.path} already holds a run: choose another folder, or allow overwriting it"
+            )
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            self._clear()
+            (self.path / FIELDS).mkdir(exist_ok=True)
+            replace_text(self.path / CASE, case_text)
+            self._rows: TextIO = (self.path / PATH).open("w", newline="", encoding="utf-8")
+        except OSError as error:
+            raise CaseError(
+                f"the run folder {self.path} cannot be written ({error.strerror}): choose another"
+            ) from error
+        self._columns: tuple[str, ...] = ()
+        self._fields: list[tuple[float, str]] = []
+        self._sections: list[tuple[float, tuple[Section, ...]]] = []
+        self._meridians: Meridians | None = None
+        self.write_events([])
+
+    def __enter__(self) -> Self:
+        """Return the folder itself."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close path.csv, also after an error."""
+        self.close()
+
+    def close(self) -> None:
+        """Close path.csv."""
+        self._rows.close()
+
+    def _clear(self) -> None:
+        """Delete an earlier run's records."""
+        names = (CASE, PATH, EVENTS, SECTIONS, COLLECTION, SUMMARY, COMPARISON, SOLID)
+        earlier = [self.path / name for name in names]
+        for file in [*earlier, *(self.path / FIELDS).glob("*.vtu")]:
+            file.unlink(missing_ok=True)
+
+    def append(self, row: Mapping[str, Any]) -> None:
+        """Append one row to path.csv and flush it.
+
+        Args:
+            row: Column names and values; the first row decides the columns.
+
+        Raises:
+            ValueError: The row's columns are not those of the first row.
+        """
+        writer = csv.writer(self._rows, lineterminator="\n")
+        if not self._columns:
+            self._columns = tuple(row)
+            writer.writerow(self._columns)
+        if set(row) != set(self._columns):
+            different = sorted(set(row) ^ set(self._columns))
+            raise ValueError(f"a row of path.csv has other columns than the first: {different}")
+        writer.writerow([_cell(row[name]) for name in self._columns])
+        self._rows.flush()
+
+    def write_events(self, events: Sequence[Mapping[str, Any]]) -> None:
+        """Replace events.json."""
+        text = json.dumps(list(events), indent=2, allow_nan=False, default=_plain)
+        replace_text(self.path / EVENTS, text + "\n")
+
+    def write_fields(self, snapshot: Snapshot) -> Path:
+        """Write a state's fields, add them to fields.pvd, and return the new file's path."""
+        name = f"{FIELDS}/{len(self._fields):04d}.vtu"
+        write_fields(self.path / name, snapshot)
+        self._fields.append((float(snapshot.t_n), name))
+        write_collection(self.path / COLLECTION, self._fields)
+        return self.path / name
+
+    def write_sections(self, snapshot: Snapshot) -> None:
+        """Add a state's meridian sections to sections.npz."""
+        if self._meridians is None:
+            self._meridians = Meridians(snapshot, azimuths(AZIMUTHS))
+        self._sections.append((float(snapshot.t_n), self._meridians(snapshot)))
+        unfinished = self.path / f".{SECTIONS}"
+        with unfinished.open("wb") as file:
+            np.savez(file, **_stacked(self._sections))  # type: ignore[arg-type]
+        os.replace(unfinished, self.path / SECTIONS)
+
+
+def _cell(value: Any) -> str:
+    """Return a value as path.csv spells it: floats to the last digit, booleans as true, false."""
+    if isinstance(value, bool | np.bool_):
+        return "true" if value else "false"
+    if isinstance(value, float | np.floating):
+        return repr(float(value))
+    return "" if value is None else str(value)
+
+
+def _plain(value: Any) -> Any:
+    """Return a NumPy value as JSON knows it."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    raise TypeError(f"events.json cannot hold {value!r}")
+
+
+def _stacked(states: Sequence[tuple[float, tuple[Section, ...]]]) -> dict[str, NDArray[Any]]:
+    """Return the arrays of sections.npz: times, azimuths, and per region one array a quantity.
+
+    ``<region>_midsurface`` has shape (n_times, n_azimuths, n_points, 3), ``<region>_faces``
+    (n_times, n_azimuths, n_points, n_layers + 1, 3).
+    """
+    first = states[0][1]
+    arrays: dict[str, NDArray[Any]] = {
+        "t_n": np.array([t_n for t_n, _ in states]),
+        "phi": np.array([section.phi for section in first]),
+        "regions": np.array(list(first[0].parts)),
+    }
+    for region, part in first[0].parts.items():
+        arrays[f"{region}_layers"] = np.array(part.layers)
+        arrays[f"{region}_theta"] = part.theta
+        for name in ("midsurface", "faces"):
+            arrays[f"{region}_{name}"] = np.array(
+                [[getattr(section.parts[region], name) for section in s] for _, s in states]
+            )
+    return arrays
+
+
+@dataclass(frozen=True)
+class SectionedState:
+    """The meridian sections of one state, by azimuth."""
+
+    t_n: float
+    sections: tuple[Section, ...]
+
+
+def read_sections(run_dir: str | Path) -> list[SectionedState]:
+    """Return the states of sections.npz in the order in which they were written."""
+    with np.load(Path(run_dir) / SECTIONS) as file:
+        arrays = dict(file)
+    regions = [str(region) for region in arrays["regions"]]
+    layers = {r: tuple(str(layer) for layer in arrays[f"{r}_layers"]) for r in regions}
+
+    def part(region: str, state: int, k: int) -> SectionPart:
+        middle, faces = (arrays[f"{region}_{name}"][state, k] for name in ("midsurface", "faces"))
+        return SectionPart(arrays[f"{region}_theta"], middle, faces, layers[region])
+
+    return [
+        SectionedState(
+            float(t_n),
+            tuple(
+                Section(float(phi), {region: part(region, state, k) for region in regions})
+                for k, phi in enumerate(arrays["phi"])
+            ),
+        )
+        for state, t_n in enumerate(arrays["t_n"])
+    ]
+
+
+def read_path(run_dir: str | Path) -> "pd.DataFrame":
+    """Return path.csv as a table, one row a state."""
+    import pandas as pd
+
+    return pd.read_csv(Path(run_dir) / PATH, float_precision="round_trip")
+
+
+def read_events(run_dir: str | Path) -> list[dict[str, Any]]:
+    """Return the list in events.json."""
+    events: list[dict[str, Any]] = json.loads((Path(run_dir) / EVENTS).read_text(encoding="utf-8"))
+    return events

@@ -1,0 +1,1 @@
+"""The layered Kirchhoff-Love shell: kinematics, layers, closures, growth, forms, condensation."""

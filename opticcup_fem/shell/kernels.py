@@ -1,0 +1,209 @@
+"""Compile UFL forms with FFCx and call their kernels for all cells or cell edges at once.
+
+The element tensors come back as one array, ready for static condensation cell by cell, which no
+assembler offers.  Coefficients are packed by the caller, so that a field on the edges is nothing
+special.  The loop around a kernel is ten lines of C, compiled once with cffi.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import importlib.util
+import os
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import cffi
+import numpy as np
+import ufl
+from dolfinx import jit
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from opticcup_fem import compat
+from opticcup_fem.shell.forms import Integral
+
+Array = NDArray[np.float64]
+
+JIT_OPTIONS: dict[str, Any] = {
+    # reordering sums lets the compiler vectorise the element loops: the second derivative of the
+    # curvature runs three times faster than with -O1 (measured); NaN must stay NaN
+    "cffi_extra_compile_args": ["-O3", "-march=native", "-ffast-math", "-fno-finite-math-only"],
+    "timeout": 600,
+}
+
+LOOP_DECLARATION = """
+void loop_over_entities(uintptr_t kernel, long n, double* A, long n_A, const double* w, long n_w,
+                        const double* x, long per_cell);
+"""
+LOOP_SOURCE = """
+#include <stdint.h>
+typedef void kernel_t(double*, const double*, const double*, const double*, const int*,
+                      const uint8_t* EXTRA_TYPE);
+void loop_over_entities(uintptr_t kernel, long n, double* A, long n_A, const double* w, long n_w,
+                        const double* x, long per_cell)
+{
+  const uint8_t permutation[2] = {0, 0};
+  const double constants[1] = {0};
+  for (long i = 0; i < n; ++i) {
+    const int entity[2] = {(int)(i % per_cell), 0};
+    ((kernel_t*)kernel)(A + n_A*i, w + n_w*i, constants, x + 9*(i/per_cell), entity,
+                        permutation EXTRA_VALUE);
+  }
+}
+"""
+
+
+def cache_folder() -> Path:
+    """Return the folder of compiled kernels (the one that dolfinx uses)."""
+    return Path(jit.get_options(None)["cache_dir"])
+
+
+@contextmanager
+def _sole_compiler() -> Iterator[None]:
+    """Hold the cache for one process, and clear what a killed compilation left there.
+
+    FFCx waits for a source file without its ``.cached`` mark until a timeout.  While the lock is
+    held none of us compiles, so that such a file of one of our kernels can only be a leftover.
+    """
+    folder = cache_folder()
+    folder.mkdir(parents=True, exist_ok=True)
+    with open(folder / "opticcup.lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        for source in folder.glob("libffcx_forms_*.c"):
+            if not source.with_suffix(".c.cached").exists():
+                source.unlink(missing_ok=True)
+        yield
+
+
+def _root_first(comm: MPI.Comm, make: Callable[[], Any]) -> Any:
+    """Call ``make`` on rank 0, which may fill the cache, then on the other ranks.
+
+    Raises:
+        RuntimeError: The call failed; every rank raises.
+    """
+    result, message = None, None
+    if comm.rank == 0:
+        try:
+            with _sole_compiler():
+                result = make()
+        except Exception as exc:  # all ranks must agree on the failure before one raises
+            message = f"{type(exc).__name__}: {exc}"
+    message = comm.bcast(message)
+    if message is not None:
+        raise RuntimeError(f"a kernel could not be compiled: {message}")
+    return result if comm.rank == 0 else make()
+
+
+@cache
+def _entity_loop() -> tuple[Any, Any]:
+    """Return (ffi, library) of the loop, compiling it where the cache lacks it."""
+    source = LOOP_SOURCE
+    for word, text in (("TYPE", ", void*"), ("VALUE", ", 0")):
+        source = source.replace(f" EXTRA_{word}", text if compat.KERNEL_HAS_CUSTOM_DATA else "")
+    name = f"_opticcup_loop_{hashlib.sha1(source.encode()).hexdigest()[:12]}"
+    folder = cache_folder()
+    found = sorted(folder.glob(f"{name}*.so"))
+    if not found:
+        builder = cffi.FFI()
+        builder.cdef(LOOP_DECLARATION)
+        builder.set_source(name, source, extra_compile_args=["-O2"])
+        built = Path(builder.compile(tmpdir=str(folder / f"loop-{os.getpid()}")))
+        found = [folder / built.name]
+        os.replace(built, found[0])
+    spec = importlib.util.spec_from_file_location(name, found[0])
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.ffi, module.lib
+
+
+class Kernel:
+    """The compiled kernel of one integral, callable for all cells or cell edges of a rank."""
+
+    def __init__(self, comm: MPI.Comm, integral: Integral, coordinates: Array) -> None:
+        """Compile ``integral``.
+
+        Args:
+            comm: Communicator of the mesh (collective: rank 0 compiles, the others load).
+            integral: Form with one integral.
+            coordinates: Corners of the rank's cells, shape (n_cells, 3, 3).
+        """
+        form = integral.form
+
+        def compile_form() -> tuple[Any, Any, Any]:
+            compiled: tuple[Any, Any, Any] = jit.ffcx_jit(
+                MPI.COMM_SELF, form, jit_options=JIT_OPTIONS
+            )
+            return compiled
+
+        self._compiled, self._module, _ = _root_first(comm, compile_form)
+        self._loop_ffi, self._loop = _root_first(comm, _entity_loop)
+        ffi = self._module.ffi
+        which = 1 if integral.on_edges else 0
+        offset = self._compiled.form_integral_offsets[which]
+        tabulate = self._compiled.form_integrals[offset].tabulate_tensor_float64
+        self._address = int(ffi.cast("uintptr_t", tabulate))
+        self.per_cell = 3 if integral.on_edges else 1
+        self.shape = tuple(_dimension(argument) for argument in form.arguments())
+        all_coefficients = form.coefficients()
+        self.coefficients = [
+            all_coefficients[self._compiled.original_coefficient_positions[i]]
+            for i in range(self._compiled.num_coefficients)
+        ]
+        self._coordinates = np.ascontiguousarray(coordinates)
+
+    def __call__(self, data: Mapping[ufl.Coefficient, Array]) -> Array:
+        """Tabulate the element tensors.
+
+        Args:
+            data: Values of each coefficient, of shape (n_cells, ...) for fields in cells and
+                (n_cells, 3, ...) for fields on edges.
+
+        Returns:
+            Shape (n_cells, *shape) for cells, (n_cells, 3, *shape) for edges.
+        """
+        n_cells = len(self._coordinates)
+        n = n_cells * self.per_cell
+        packed = np.concatenate([self._pack(c, data[c], n_cells) for c in self.coefficients], axis=1)
+        lead = (n_cells, 3) if self.per_cell == 3 else (n_cells,)
+        tensors = np.zeros(lead + self.shape)
+        if n == 0:
+            return tensors
+        pointer = self._loop_ffi.from_buffer
+        self._loop.loop_over_entities(
+            self._address,
+            n,
+            pointer("double*", tensors),
+            int(np.prod(self.shape)),
+            pointer("double*", packed),
+            packed.shape[1],
+            pointer("double*", self._coordinates),
+            self.per_cell,
+        )
+        return tensors
+
+    def _pack(self, coefficient: ufl.Coefficient, values: Array, n_cells: int) -> Array:
+        """Return the values as rows, one per cell or cell edge."""
+        on_edge = coefficient.ufl_element().cell.cellname() == "interval"
+        if on_edge:
+            return values.reshape(3 * n_cells, -1)
+        rows = values.reshape(n_cells, -1)
+        return np.repeat(rows, 3, axis=0) if self.per_cell == 3 else rows
+
+
+def _dimension(argument: ufl.Argument) -> int:
+    """Return the number of element degrees of freedom of a test or trial function."""
+    element = argument.ufl_element()
+    return int(element.dim)
+
+
+def compile_kernels(
+    comm: MPI.Comm, integrals: Mapping[str, Integral], coordinates: Array
+) -> dict[str, Kernel]:
+    """Compile every integral; see ``Kernel``."""
+    return {name: Kernel(comm, it, coordinates) for name, it in integrals.items()}

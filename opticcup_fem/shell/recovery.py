@@ -1,0 +1,237 @@
+"""What a state means layer by layer: thickness stretch, stress, and the places of the faces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from opticcup_fem.shell import closures
+from opticcup_fem.shell.model import Shell, ShellState
+from opticcup_fem.shell.spaces import metric_of
+from opticcup_fem.snapshot import NODES, Snapshot
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LayerFields:
+    """Layer means at some points of the cells of one region.
+
+    Attributes:
+        thickness_stretch: Mean of lambda_3 through the layer, shape (n_cells, n_points).
+        stress: Mean Cauchy stress (meridional, azimuthal, shear), shape (n_cells, n_points, 3),
+            unit mu_IOV.  The first direction is the current image of the reference meridian.
+    """
+
+    thickness_stretch: Array
+    stress: Array
+
+
+def layer_fields(
+    shell: Shell, state: ShellState, region: str, points: Array
+) -> dict[str, LayerFields]:
+    """Recover the layers' fields at reference points of a region's cells.
+
+    With S^ab = 2 rho_r dPsi_0/dg_ab per reference volume and J = sqrt(det g/det a_ref) lambda_3,
+    the Cauchy stress is S^ab g_a g_b / J; its physical components are taken in the metric g.
+
+    Args:
+        shell: The shell, at the growth that ``state`` belongs to.
+        state: The state.
+        region: Name of a region.
+        points: Reference points, shape (n_points, 2).
+
+    Raises:
+        LostFibre: Some layer has no admissible state there.
+    """
+    cells = shell.region_cells(region)
+    forms, a_ref, meridian = _geometry_at(shell, state, cells, points)
+    growth = shell.growth_at(region, points)
+    inv = closures.invariants(forms, a_ref)
+    section = shell.sections[region]
+    k_ref = shell.surface_mesh.surface.curvature
+    lead = (len(cells), len(points))
+    sums = {layer.name: (np.zeros(len(forms)), np.zeros((len(forms), 3))) for layer in section.layers}
+    closure = closures.CLOSURES[shell.closure]
+    weights = {
+        layer.name: w / layer.thickness
+        for layer, (_, w) in zip(section.layers, section.gauss_points, strict=True)
+    }
+    counters = dict.fromkeys(sums, 0)
+    ratios = {layer.name: g.density_ratio for layer, g in zip(section.layers, growth, strict=True)}
+    for fibre in closures.fibres(section, growth, k_ref):
+        name = fibre.layer.name
+        share = weights[name][counters[name]]
+        counters[name] += 1
+        metric_stretch = closure.metric_stretch(inv, fibre)
+        s = -2 * fibre.height * metric_stretch
+        D = closures.area_ratio(inv, s, fibre)
+        in_plane_stress = np.sqrt(closures.plane_stress_stretch(D, fibre.layer))
+        stretch = in_plane_stress if closure.has_energy else metric_stretch
+        metric = forms[:, :3] + s[:, None] * forms[:, 3:]
+        mean_stretch, mean_stress = sums[name]
+        mean_stretch += share * stretch
+        mean_stress += share * _cauchy(fibre, ratios[name], D, stretch, metric, a_ref, meridian)
+    return {
+        name: LayerFields(stretch.reshape(lead), stress.reshape(*lead, 3))
+        for name, (stretch, stress) in sums.items()
+    }
+
+
+def _geometry_at(
+    shell: Shell, state: ShellState, cells: NDArray[np.int32], points: Array
+) -> tuple[Array, Array, Array]:
+    """Return (a, kappa), a_ref and the meridian direction t^a at points, leading shape (n,)."""
+    spaces = shell.spaces
+    gradient = spaces.gradient_operator(points)[cells]
+    nodes = spaces.nodes[cells]
+    base_ref = np.einsum("cqna,cni->cqai", gradient, shell.reference[nodes])
+    base = np.einsum("cqna,cni->cqai", gradient, state.r[nodes])
+    kappa = state.kappa.reshape(spaces.n_cells, -1, 3)[cells]
+    forms = np.concatenate(
+        [metric_of(base), np.einsum("qb,cbi->cqi", spaces.curvature_table(points), kappa)], axis=-1
+    )
+    a_ref = metric_of(base_ref)
+    x = np.einsum("qn,cni->cqi", spaces.position_table(points), shell.reference[nodes])
+    outwards = x * np.array([1.0, 1.0, 0.0])
+    outwards[np.linalg.norm(outwards, axis=-1) < 1e-9] = (1.0, 0.0, 0.0)
+    # colatitude increases away from the axis above the equator, towards it below
+    normal = np.cross(base_ref[..., 0, :], base_ref[..., 1, :])
+    azimuth = np.cross(np.array([0.0, 0.0, 1.0]), outwards)
+    direction = np.cross(azimuth, normal)
+    covariant = np.einsum("cqai,cqi->cqa", base_ref, direction)
+    full = np.stack([a_ref[..., [0, 2]], a_ref[..., [2, 1]]], axis=-2)
+    meridian = np.linalg.solve(full, covariant[..., None])[..., 0]
+    return forms.reshape(-1, 6), a_ref.reshape(-1, 3), meridian.reshape(-1, 2)
+
+
+def _cauchy(
+    fibre: closures.Fibre,
+    density_ratio: Array | float,
+    D: Array,
+    stretch: Array,
+    metric: Array,
+    a_ref: Array,
+    meridian: Array,
+) -> Array:
+    """Return the physical Cauchy components of a fibre, shape (n, 3)."""
+    lmbda, mu = fibre.layer.lame, fibre.layer.shear_modulus
+    psi_D = lmbda / 4 * (stretch**2 - 1 / D) - mu / (2 * D)
+    g = np.stack([metric[:, [0, 2]], metric[:, [2, 1]]], axis=1)
+    reference = np.stack([a_ref[:, [0, 2]], a_ref[:, [2, 1]]], axis=1)
+    inverse_natural = np.linalg.inv(reference) / np.reshape(fibre.natural, (-1, 1, 1))
+    second = 2 * (
+        (psi_D * D)[:, None, None] * np.linalg.inv(g) + mu / 2 * inverse_natural
+    ) * np.reshape(density_ratio, (-1, 1, 1))
+    jacobian = np.sqrt(np.linalg.det(g) / np.linalg.det(reference)) * stretch
+    along = meridian / np.sqrt(np.einsum("na,nab,nb->n", meridian, g, meridian))[:, None]
+    covector = np.einsum("nab,nb->na", g, along)
+    # the direction normal to the meridian in the metric g
+    across = np.stack([-covector[:, 1], covector[:, 0]], axis=1)
+    across /= np.sqrt(np.einsum("na,nab,nb->n", across, g, across))[:, None]
+    co_across = np.einsum("nab,nb->na", g, across)
+    parts = [
+        np.einsum("na,nab,nb->n", p, second, q)
+        for p, q in ((covector, covector), (co_across, co_across), (covector, co_across))
+    ]
+    return np.stack(parts, axis=1) / jacobian[:, None]
+
+
+def capture(shell: Shell, state: ShellState, t_n: float) -> Snapshot | None:
+    """Gather a state on rank 0 (collective).
+
+    Args:
+        shell: A shell of degree 3.
+        state: The state.
+        t_n: Its normalised time; the shell must be set to it.
+
+    Returns:
+        The snapshot on rank 0, None elsewhere.
+    """
+    spaces, comm = shell.spaces, shell.comm
+    index_map = spaces.position.dofmap.index_map
+    owned = index_map.size_local
+    nodes = index_map.local_to_global(np.ascontiguousarray(spaces.nodes.ravel()))
+    region = np.zeros(spaces.n_cells, dtype=np.int64)
+    parts: dict[str, dict[str, LayerFields]] = {}
+    faces: dict[str, Array] = {}
+    for name in shell.sections:
+        cells = shell.region_cells(name)
+        region[cells] = shell.surface_mesh.regions[name]
+        parts[name] = layer_fields(shell, state, name, NODES)
+        faces[name] = _faces(shell, state, name, parts[name])
+    mine = {
+        "reference": shell.reference[:owned],
+        "position": state.r[:owned],
+        "cells": nodes.reshape(-1, len(NODES)),
+        "region": region,
+        "orientation": spaces.orientation,
+        "parts": parts,
+        "faces": faces,
+    }
+    gathered = comm.gather(mine)
+    return None if gathered is None else _joined(shell, gathered, t_n)
+
+
+def _faces(
+    shell: Shell, state: ShellState, region: str, fields: dict[str, LayerFields]
+) -> Array:
+    """Return the places of the layer faces at the cells' nodes, (n_cells, 10, n_layers + 1, 3).
+
+    A face of height xi lies at the integral of the layers' mean lambda_3 from 0 to xi.
+    """
+    spaces, section = shell.spaces, shell.sections[region]
+    cells = shell.region_cells(region)
+    nodes = spaces.nodes[cells]
+    base = np.einsum("cqna,cni->cqai", spaces.gradient_operator(NODES)[cells], state.r[nodes])
+    normal = np.cross(base[..., 0, :], base[..., 1, :])
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    stretches = [fields[layer.name].thickness_stretch for layer in section.layers]
+    thicknesses = [layer.thickness * l for layer, l in zip(section.layers, stretches, strict=True)]
+    above_bottom = np.concatenate(
+        [np.zeros((1, *thicknesses[0].shape)), np.cumsum(thicknesses, axis=0)]
+    )
+    middle = sum(
+        np.clip(-low, 0.0, layer.thickness) * stretch
+        for layer, low, stretch in zip(section.layers, section.boundaries, stretches, strict=False)
+    )
+    heights = np.moveaxis(above_bottom - middle, 0, -1)
+    position = state.r[nodes]
+    return position[:, :, None, :] + heights[..., None] * normal[:, :, None, :]
+
+
+def _joined(shell: Shell, parts: list[dict], t_n: float) -> Snapshot:
+    """Put the ranks' parts together."""
+
+    def all_of(key: str) -> Array:
+        return np.concatenate([part[key] for part in parts])
+
+    region = all_of("region")
+    names = shell.surface_mesh.regions
+    stretch: dict[str, Array] = {}
+    stress: dict[str, Array] = {}
+    for name, section in shell.sections.items():
+        rows = np.flatnonzero(region == names[name])
+        for layer in section.layers:
+            pieces = [part["parts"][name][layer.name] for part in parts]
+            full = np.full((len(region), len(NODES)), np.nan)
+            full[rows] = np.concatenate([piece.thickness_stretch for piece in pieces])
+            stretch[layer.name] = full
+            full = np.full((len(region), len(NODES), 3), np.nan)
+            full[rows] = np.concatenate([piece.stress for piece in pieces])
+            stress[layer.name] = full
+    return Snapshot(
+        t_n=t_n,
+        reference=all_of("reference"),
+        position=all_of("position"),
+        cells=all_of("cells"),
+        region=region,
+        orientation=all_of("orientation"),
+        region_ids=dict(names),
+        layers={name: tuple(l.name for l in s.layers) for name, s in shell.sections.items()},
+        thickness_stretch=stretch,
+        stress=stress,
+        faces={name: np.concatenate([part["faces"][name] for part in parts]) for name in shell.sections},
+    )

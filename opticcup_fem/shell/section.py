@@ -1,0 +1,96 @@
+"""Layers of a shell and the sections that they make, with their thickness quadrature."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from opticcup_fem.errors import CaseError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Layer:
+    """One homogeneous layer of compressible neo-Hookean tissue (S8).
+
+    Attributes:
+        name: Key of the layer in growth laws, records and pictures.
+        thickness: Reference thickness, unit of length of the mesh.
+        shear_modulus: Lamé constant mu of the ungrown tissue, unit of stress.
+        poisson_ratio: Poisson's ratio nu, below one half.
+        points: Number of Gauss points through the thickness.
+    """
+
+    name: str
+    thickness: float
+    shear_modulus: float
+    poisson_ratio: float
+    points: int
+
+    def __post_init__(self) -> None:
+        """Refuse values without a meaning.
+
+        Raises:
+            CaseError: A value is out of range; the message names it.
+        """
+        for field, value, low in (
+            ("thickness", self.thickness, 0.0),
+            ("shear_modulus", self.shear_modulus, 0.0),
+            ("points", self.points, 0),
+        ):
+            if not value > low:
+                raise CaseError(f"layer {self.name!r}: {field} is {value}; it must be positive.")
+        if not -1.0 < self.poisson_ratio < 0.5:
+            raise CaseError(
+                f"layer {self.name!r}: poisson_ratio is {self.poisson_ratio}; "
+                "it must lie above -1 and below 0.5."
+            )
+
+    @property
+    def lame(self) -> float:
+        """First Lamé constant, lambda = 2 mu nu / (1 - 2 nu)."""
+        return 2 * self.shear_modulus * self.poisson_ratio / (1 - 2 * self.poisson_ratio)
+
+
+@dataclass(frozen=True)
+class Section:
+    """Layers from the inside (xi = -h/2) to the outside (xi = +h/2) of a shell."""
+
+    layers: tuple[Layer, ...]
+
+    def __init__(self, layers: Sequence[Layer]) -> None:
+        """Stack ``layers``, the innermost first.
+
+        Raises:
+            CaseError: There is no layer, or two share a name.
+        """
+        names = [layer.name for layer in layers]
+        if not names or len(set(names)) != len(names):
+            raise CaseError(f"a section needs one or more layers of different names, not {names}.")
+        object.__setattr__(self, "layers", tuple(layers))
+
+    @cached_property
+    def thickness(self) -> float:
+        """Total thickness h."""
+        return sum(layer.thickness for layer in self.layers)
+
+    @cached_property
+    def boundaries(self) -> Array:
+        """Heights of the layer faces, shape (n_layers + 1,), from -h/2 to h/2."""
+        steps = np.cumsum([0.0] + [layer.thickness for layer in self.layers])
+        return steps - self.thickness / 2
+
+    @cached_property
+    def gauss_points(self) -> tuple[tuple[Array, Array], ...]:
+        """Heights and weights of the Gauss points of each layer, innermost first."""
+        rules = []
+        for layer, low in zip(self.layers, self.boundaries, strict=False):
+            x, w = np.polynomial.legendre.leggauss(layer.points)
+            half = layer.thickness / 2
+            rules.append((low + half * (1 + x), half * w))
+        return tuple(rules)

@@ -1,0 +1,1 @@
+"""Numerical experiments: each runs a case and writes its records."""

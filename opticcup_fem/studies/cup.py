@@ -1,0 +1,122 @@
+"""Grow one optic cup on the surface model and write its run folder."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+from opticcup_fem.case import Case
+from opticcup_fem.equilibrium.path import PathPoint
+from opticcup_fem.errors import ClosureBreakdown, OpticCupError
+from opticcup_fem.events import Event
+from opticcup_fem.shell.model import Shell
+from opticcup_fem.shell.recovery import capture
+from opticcup_fem.studies.model import shell_of, stepping_of
+from opticcup_fem.studies.progress import Progress, sentence
+from opticcup_fem.studies.recorder import Recorder, StateNumbers
+
+
+@dataclass(frozen=True)
+class RunSummary:
+    """Outcome of a run, the same on every rank.
+
+    Attributes:
+        ok: Whether it ended as a run should: at run.t_end, or in a contact of the shell with
+            itself, which is reported and not resisted.
+        message: What happened, and where the results are.
+        events: The events found.
+        rows: Number of rows in path.csv.
+    """
+
+    ok: bool
+    message: str
+    events: list[Event]
+    rows: int
+
+
+def run(
+    case: Case, out_dir: Path, *, quiet: bool = False, comm: MPI.Comm | None = None
+) -> RunSummary:
+    """Grow the cup of a case from t_n = 0 to run.t_end (collective).
+
+    Args:
+        case: The case.
+        out_dir: The run folder; an earlier run's records in it are replaced.
+        quiet: No progress bar.
+        comm: MPI communicator, all ranks by default.
+
+    Raises:
+        CaseError: The folder cannot be written.
+        MeshError: The cup cannot be meshed as the case asks.
+    """
+    comm = comm or MPI.COMM_WORLD
+    progress = Progress(case.run.t_end, shown=comm.rank == 0 and not quiet)
+    recorder = _on_root(comm, lambda: Recorder(case, out_dir, progress))
+    with progress.running():
+        with progress.phase("meshing and compiling kernels"):
+            shell = shell_of(case, comm)
+            stepping = stepping_of(case, shell)
+        stepping.count_iterations(progress.iteration)
+        crossed = False
+        for point in stepping.follow(shell.reference_state(), case.run.t_end, case.output.times):
+            if not _record(recorder, shell, point):
+                crossed = True
+                break
+        failure = None if crossed else stepping.failure()
+    summary = None
+    if recorder is not None:
+        _record_breakdown(recorder, failure)
+        summary = _summary(recorder, out_dir, failure)
+    return comm.bcast(summary)
+
+
+def _on_root(comm: MPI.Comm, make: Any) -> Any:
+    """Return what ``make`` gives on rank 0, None elsewhere; its error is raised on every rank."""
+    made, error = None, None
+    if comm.rank == 0:
+        try:
+            made = make()
+        except OpticCupError as exc:  # the other ranks must learn of it before this one raises
+            error = exc
+    error = comm.bcast(error)
+    if error is not None:
+        raise error
+    return made
+
+
+def _record(recorder: Recorder | None, shell: Shell, point: PathPoint) -> bool:
+    """Record a state on rank 0; return on every rank whether the run goes on (collective)."""
+    snapshot = capture(shell, point.state, point.t_n)
+    goes_on = True
+    if recorder is not None and snapshot is not None:
+        numbers = StateNumbers(
+            point.jump, point.iterations, point.negative_eigenvalues, point.residual, point.energy
+        )
+        goes_on = recorder.accept(snapshot, numbers)
+    return bool(shell.comm.bcast(goes_on))
+
+
+def _record_breakdown(recorder: Recorder, failure: OpticCupError | None) -> None:
+    if isinstance(failure, ClosureBreakdown) and failure.t_n is not None:
+        place = {
+            "layer": failure.layer,
+            "height": failure.height,
+            "position": list(failure.position),
+        }
+        recorder.breakdown(failure.closure, failure.t_n, place)
+
+
+def _summary(recorder: Recorder, out_dir: Path, failure: OpticCupError | None) -> RunSummary:
+    """Close the records and put the outcome in words."""
+    events = recorder.finish()
+    lines = [sentence(one) for one in events]
+    reached = recorder.rows[-1]["t_n"] if recorder.rows else 0.0
+    if failure is not None:
+        lines.append(str(failure))
+    lines.append(f"{len(recorder.rows)} states up to t_n = {reached:.4f} in {out_dir}")
+    return RunSummary(failure is None, "\n".join(lines), events, len(recorder.rows))
+
+

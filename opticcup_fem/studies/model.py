@@ -1,0 +1,67 @@
+"""From a case to the parts of a computation on the surface model."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+
+from opticcup_fem.case import Case
+from opticcup_fem.equilibrium.newton import MixedNewton
+from opticcup_fem.equilibrium.path import LoadStepping, StepControl
+from opticcup_fem.equilibrium.problem import Problem
+from opticcup_fem.equilibrium.jumps import make_relaxation
+from opticcup_fem.mesh import SurfaceMesh, cup_mesh
+from opticcup_fem.shell.growth import GrowthLaw, LinearGrowth
+from opticcup_fem.shell.model import Shell
+from opticcup_fem.shell.section import Layer, Section
+from opticcup_fem.shell.supports import rigid_modes_of_cup
+
+
+def sections_of(case: Case) -> dict[str, Section]:
+    """Return the sections of cap (IOV inside, ECM outside) and OOV, lengths in R, mu_IOV = 1."""
+    material, h = case.material, case.shape.thickness
+    m, nu = material.thickness_ratio, material.poisson_ratio
+    ecm_points, iov_points, oov_points = material.thickness_points
+    iov = Layer("iov", h / (1 + m), 1.0, nu, iov_points)
+    ecm = Layer("ecm", h * m / (1 + m), material.modulus_ratio, nu, ecm_points)
+    oov = Layer("oov", h, 1.0, nu, oov_points)
+    return {"cap": Section([iov, ecm]), "oov": Section([oov])}
+
+
+def growth_of(case: Case) -> dict[str, GrowthLaw]:
+    """Return the growth law of every layer."""
+    growth = case.growth
+    rates = {"ecm": growth.ecm, "iov": growth.iov, "oov": growth.oov}
+    return {name: LinearGrowth(rate, growth.mass_change) for name, rate in rates.items()}
+
+
+def mesh_of(case: Case, comm: MPI.Comm) -> SurfaceMesh:
+    """Mesh the cup of a case (collective)."""
+    mesh = case.mesh
+    return cup_mesh(
+        case.shape.opening_angle,
+        mesh.cell_size_cap,
+        mesh.cell_size_interface,
+        mesh.cell_size_oov,
+        seed=mesh.seed,
+        comm=comm,
+    )
+
+
+def shell_of(case: Case, comm: MPI.Comm) -> Shell:
+    """Return the shell of a case (collective)."""
+    return Shell(mesh_of(case, comm), sections_of(case), growth_of(case), case.material.closure)
+
+
+def stepping_of(case: Case, shell: Shell) -> LoadStepping:
+    """Return the load stepping of a case (collective)."""
+    solver = case.solver
+    problem = Problem(shell, rigid_modes_of_cup(shell))
+    newton = MixedNewton(problem, solver.tolerance, solver.max_iterations)
+    control = StepControl(
+        initial=solver.initial_step,
+        largest=solver.max_step,
+        smallest=solver.min_step,
+        growth=solver.growth_factor,
+        max_move=solver.max_move,
+    )
+    return LoadStepping(problem, newton, make_relaxation(problem, newton), control)

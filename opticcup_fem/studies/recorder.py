@@ -1,0 +1,148 @@
+"""What a run leaves behind: rows, events, fields, sections and the picture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from opticcup_fem.case import Case, case_to_toml
+from opticcup_fem.crossing import Crossing, surface_check
+from opticcup_fem.events import Event, detect_events, event
+from opticcup_fem.observables import Observer
+from opticcup_fem.records import RunFolder
+from opticcup_fem.snapshot import Snapshot
+from opticcup_fem.studies.progress import Progress
+from opticcup_fem.theory.prediction import cap_curvature_of_case
+from opticcup_fem.versions import versions
+
+
+@dataclass(frozen=True)
+class StateNumbers:
+    """What the solver knows of an accepted state, for its row.
+
+    Attributes:
+        jump: Whether the state was reached by relaxation.
+        iterations: Newton iterations and relaxation steps spent on it.
+        negative_eigenvalues: Of the tangent, None where it has no inertia.
+        residual: Norm of the residual.
+        energy: Energy over mu_IOV R^3.
+    """
+
+    jump: bool
+    iterations: int
+    negative_eigenvalues: int | None
+    residual: float
+    energy: float
+
+
+class Recorder:
+    """Writes a run folder from snapshots; lives on one process."""
+
+    def __init__(self, case: Case, out_dir: Path, progress: Progress) -> None:
+        """Open the folder.
+
+        Raises:
+            CaseError: The folder cannot be written.
+        """
+        self.case, self.progress = case, progress
+        self.folder = RunFolder(out_dir, case_to_toml(case, versions()), overwrite=True)
+        self.rows: list[dict[str, Any]] = []
+        self.recorded: list[Event] = []
+        self._announced: set[str] = set()
+        self._observer: Observer | None = None
+        self._last: Snapshot | None = None
+        self._last_sectioned = False
+
+    def accept(self, snapshot: Snapshot, numbers: StateNumbers) -> bool:
+        """Record an accepted state.
+
+        Returns:
+            False if the surface crosses itself: the state is then not a row, and the run ends.
+        """
+        if self._observer is None:
+            self._observer = Observer(snapshot)
+            self._check, self._subdivision = surface_check(snapshot)
+        row = self._row(snapshot, numbers)
+        crossing = self._check(self._subdivision.matrix @ snapshot.position)
+        if crossing is not None:
+            self._end_in_contact(row, crossing)
+            return False
+        self.folder.append(row)
+        self.rows.append(row)
+        self._write_state(snapshot, numbers.jump)
+        self._note_events()
+        self.progress.step(snapshot.t_n)
+        return True
+
+    def breakdown(self, closure: str, t_n: float, fields: dict[str, Any]) -> None:
+        """Record that the closure broke down at ``t_n``."""
+        self.recorded.append(event("closure_breakdown", closure, t_n, self._kappa(t_n), **fields))
+
+    def finish(self) -> list[Event]:
+        """Write events, last sections and the picture; return the events."""
+        if self._last is not None and not self._last_sectioned:
+            self.folder.write_sections(self._last)
+        events = self.events()
+        self.folder.write_events(events)
+        self.folder.close()
+        if self.case.output.picture and len(self.rows) > 1:
+            from opticcup_fem.plots.summary import summary
+
+            summary(self.folder.path)
+        return events
+
+    def events(self) -> list[Event]:
+        """Return the events so far."""
+        return detect_events(self.rows, self.recorded, curvature=self._kappa)
+
+    def _kappa(self, t_n: float) -> float:
+        return float(cap_curvature_of_case(self.case, np.float64(t_n)))
+
+    def _row(self, snapshot: Snapshot, numbers: StateNumbers) -> dict[str, Any]:
+        assert self._observer is not None
+        negative = numbers.negative_eigenvalues
+        return {
+            "t_n": snapshot.t_n,
+            "kappa_cap_R": self._kappa(snapshot.t_n),
+            **self._observer(snapshot),
+            "jump": numbers.jump,
+            "newton_iterations": numbers.iterations,
+            "negative_eigenvalues": "" if negative is None else negative,
+            "residual": numbers.residual,
+            "energy": numbers.energy,
+        }
+
+    def _write_state(self, snapshot: Snapshot, jump: bool) -> None:
+        """Write fields at the output times, sections there and on both sides of a jump."""
+        due = any(abs(snapshot.t_n - t) < 1e-12 for t in self.case.output.times)
+        if jump and self._last is not None and not self._last_sectioned:
+            self.folder.write_sections(self._last)
+        if due and self.case.output.fields:
+            self.folder.write_fields(snapshot)
+        if due or jump:
+            self.folder.write_sections(snapshot)
+        self._last, self._last_sectioned = snapshot, due or jump
+
+    def _note_events(self) -> None:
+        """Keep events.json up to date and announce what is new and certain."""
+        events = self.events()
+        self.folder.write_events(events)
+        for one in events:
+            if one["kind"] not in self._announced and one["type"] != "smooth":
+                self._announced.add(one["kind"])
+                self.progress.event(one)
+
+    def _end_in_contact(self, row: dict[str, Any], crossing: Crossing) -> None:
+        """Record the contact, and a loss of symmetry that only the crossed state shows."""
+        t_n = float(row["t_n"])
+        shown = detect_events([*self.rows, row], curvature=self._kappa)
+        self.recorded += [one for one in shown if one["kind"] == "symmetry_breaking"]
+        contact = event(
+            "self_contact", "mid-surface", t_n, self._kappa(t_n), **crossing.describe()
+        )
+        self.recorded.append(contact)
+        for one in self.recorded:
+            self.progress.event(one)
