@@ -24,8 +24,8 @@ test-slow:
 	@$(RUN) python3 -m pytest -m slow
 
 test-mpi:
-	@$(RUN) mpirun -n 2 python3 -m pytest -m mpi -p no:cacheprovider -q
-	@$(RUN) mpirun -n 3 python3 -m pytest -m mpi -p no:cacheprovider -q
+	@$(RUN) mpirun -n 2 python3 -m pytest -m mpi -p no:cacheprovider --color=no -q
+	@$(RUN) mpirun -n 3 python3 -m pytest -m mpi -p no:cacheprovider --color=no -q
 
 lint:
 	@$(RUN) ruff check $(PYTHON_FILES)

@@ -18,14 +18,15 @@ install_tools() {
         [ "$EUID" = 0 ] || command -v newuidmap >/dev/null || missing+=(uidmap)
     fi
     [ ${#missing[@]} -gt 0 ] || return 0
+    command -v apt-get >/dev/null ||
+        die "missing here, with no apt-get to install them: ${missing[*]}; install them, or use" \
+            "docker/Dockerfile."
     if [ "$EUID" != 0 ]; then
         become=(sudo -n)
         sudo -n true 2>/dev/null ||
-            die "please have these packages installed, which I may not do myself: ${missing[*]}."
+            die "missing here: ${missing[*]}; have root run \`apt-get install ${missing[*]}\`, or use" \
+                "docker/Dockerfile."
     fi
-    command -v apt-get >/dev/null ||
-        die "these programs are missing and there is no apt-get to install them with:" \
-            "${missing[*]}; install them, or use docker/Dockerfile."
     say "installing ${missing[*]} with apt-get."
     "${become[@]}" sh -c 'export DEBIAN_FRONTEND=noninteractive
         apt-get -qq install -y --no-install-recommends "$@" ||

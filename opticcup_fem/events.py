@@ -25,6 +25,10 @@ ASYMMETRY_THRESHOLD = 1e-4
 """A state with more is not axisymmetric: about 0.014 R r.m.s. away from it, a thousand times what
 an unsymmetric mesh of ordinary fineness causes."""
 
+_BENT, _THROWN = 30.0, 10.0
+"""Asymmetry over the threshold up to which a state is only bent by imperfections, and the growth of
+asymmetry over a jump that makes the jump the loss of symmetry."""
+
 _TIME_SCALE = 0.1
 """t_n that counts as much as one R of apex height along the path (t_n, c)."""
 
@@ -75,7 +79,8 @@ def detect_events(
         recorded: Events that the run itself knows (self contact, breakdown, a bifurcation that it
             has localised); they replace what the rows show of the same kind.
         curvature: kappa_cap R as a function of t_n; else interpolated in the rows.
-        asymmetry_threshold: Rows from the first with more on are not searched for invaginations.
+        asymmetry_threshold: Asymmetry of states that are not axisymmetric; from the loss of
+            symmetry on the rows are not searched for invaginations.
 
     Returns:
         Events ordered by t_n.  Those found here carry ``t_n_range``, the rows that enclose them.
@@ -84,7 +89,7 @@ def detect_events(
     found: list[Event] = []
     if rows:
         kappa = curvature or _interpolated_curvature(rows)
-        broken = _first_asymmetric(rows, asymmetry_threshold)
+        broken = _loss_of_symmetry(rows, asymmetry_threshold)
         if broken is not None:
             found.append(_symmetry_breaking(rows, broken, kappa))
         found += _invaginations(rows[:broken], kappa)
@@ -103,9 +108,22 @@ def _interpolated_curvature(rows: Sequence[Row]) -> Callable[[float], float]:
     return lambda t: float(curve(np.clip(t, t_n[0], t_n[-1])))
 
 
-def _first_asymmetric(rows: Sequence[Row], threshold: float) -> int | None:
-    asymmetric = (i for i, row in enumerate(rows) if float(row.get("asymmetry", 0.0)) > threshold)
-    return next(asymmetric, None)
+def _loss_of_symmetry(rows: Sequence[Row], threshold: float) -> int | None:
+    """Return the first row that is no longer axisymmetric, None if all are.
+
+    An imperfect mesh bends slightly out of symmetry before a subcritical bifurcation throws the
+    shell far away from it.  The event is then the throw, not the bending before it.
+    """
+    asymmetry = [float(row.get("asymmetry", 0.0)) for row in rows]
+    first = next((i for i, value in enumerate(asymmetry) if value > threshold), None)
+    if first is None:
+        return None
+    for i in range(max(first, 1), len(rows)):
+        if asymmetry[i - 1] > _BENT * threshold:
+            return first
+        if rows[i].get("jump", False) and asymmetry[i] > _THROWN * asymmetry[i - 1]:
+            return i
+    return first
 
 
 def _symmetry_breaking(rows: Sequence[Row], at: int, kappa: Callable[[float], float]) -> Event:
@@ -152,9 +170,7 @@ def _falls(rows: Sequence[Row]) -> list[_Descent]:
             falls += _drop(rows, start)
         after_drop = start > 0 and _drops(rows, start)
         before_drop = stop < len(rows) and _drops(rows, stop)
-        falls += _fastest_descents(
-            rows[start:stop], after_drop=after_drop, before_drop=before_drop
-        )
+        falls += _fastest_descents(rows[start:stop], after_drop=after_drop, before_drop=before_drop)
     return falls
 
 

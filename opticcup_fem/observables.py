@@ -4,7 +4,6 @@ An `Observer` prepares what depends on the mesh alone and then turns snapshots i
 of them are measured about the cup's own axis, so that a rigid motion changes none.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,12 +13,8 @@ from opticcup_fem.sampling import SphereSampler, azimuths, directions, interface
 from opticcup_fem.snapshot import (
     Floats,
     Snapshot,
-    Subdivision,
     cell_tangents,
-    cell_values,
     lagrange_basis,
-    lattice,
-    subdivide,
 )
 
 WAVENUMBERS = 9
@@ -31,8 +26,8 @@ _RINGS = {"cap": 12, "oov": 20}
 _AZIMUTHS = 48
 """Points on each ring; resolves wavenumbers up to 23."""
 
-_SEARCH = 6
-"""Parts of each cell's edge in the first search for a maximum."""
+_MERIDIAN_POINTS = 129
+"""Points on each meridian in the search for the rim and for the largest radius."""
 
 _TOP = 1e-5
 """Depths (over R) below this are the cubic interpolation's, not a dimple's: D is 0."""
@@ -123,45 +118,23 @@ def relative_asymmetry(spectrum: NDArray[np.complex128], weights: Floats) -> flo
     return float(energy[1:].sum() / energy.sum())
 
 
-def maximise(
-    snapshot: Snapshot, subdivision: Subdivision, height: Callable[[Floats], Floats]
-) -> float:
-    """Return the largest value of a function of position over the cubic surface.
+def mean_peak(values: Floats) -> float:
+    """Return the mean over meridians of the largest value on each.
 
-    Starts from the highest points of a lattice in each cell, then looks round each on ever finer
-    patterns inside its cell: no derivatives, and maxima on edges and corners are met as well.
+    Where it lies inside a meridian it is the top of the parabola through the largest sample and
+    its two neighbours.
 
     Args:
-        snapshot: The state.
-        subdivision: Of the same mesh; its vertices are the first search.
-        height: The function, from positions (k, 3) to values (k,).
+        values: A function at equally spaced points of each meridian, shape (n_theta, n_phi).
     """
-    values = height(subdivision.matrix @ snapshot.position)
-    starts = np.argsort(-values)[:12]
-    place = subdivision.source_point[starts]
-    cell_nodes = snapshot.position[snapshot.cells[subdivision.source_cell[starts]]]
-    pattern = _PATTERN / _SEARCH
-    for _ in range(14):
-        trial = _into_triangle(place[:, None] + pattern)
-        weights = lagrange_basis(trial).reshape(*trial.shape[:2], 10)
-        position = np.einsum("kpj,kji->kpi", weights, cell_nodes)
-        best = np.argmax(height(position.reshape(-1, 3)).reshape(trial.shape[:2]), axis=1)
-        place = trial[np.arange(len(trial)), best]
-        pattern = pattern * 0.5
-    nodes = snapshot.cells[subdivision.source_cell[starts]]
-    return float(height(cell_values(snapshot.position, nodes, place)).max())
-
-
-_PATTERN = np.array([[0.0, 0.0], *(lattice(3)[0] - 1.0)])
-"""Steps around a point, itself first, shape (11, 2)."""
-
-
-def _into_triangle(points: Floats) -> Floats:
-    """Return reference points moved into the triangle (along xi, eta or the diagonal)."""
-    points = points.clip(0.0, 1.0)
-    over = (points.sum(axis=-1, keepdims=True) - 1.0).clip(0.0)
-    inside: Floats = (points - over / 2).clip(0.0, 1.0)
-    return inside
+    peak = values.max(axis=0)
+    at = np.argmax(values, axis=0)
+    inside = np.flatnonzero((at > 0) & (at < len(values) - 1))
+    before, after = (values[at[inside] + step, inside] for step in (-1, 1))
+    bend = before - 2 * peak[inside] + after
+    flat = bend == 0
+    peak[inside] -= np.where(flat, 0.0, (after - before) ** 2 / (8 * np.where(flat, 1.0, bend)))
+    return float(peak.mean())
 
 
 class Observer:
@@ -187,8 +160,10 @@ class Observer:
         self._sides = [self.sampler.locate(circle, region) for region in ("cap", "oov")]
         self._circle = self.sampler.matrix(self._sides[0])
         self._poles = self.sampler.matrix(self.sampler.locate([[0, 0, 1], [0, 0, -1]]))
+        dense = np.linspace(0.0, np.pi, _MERIDIAN_POINTS)
+        reference = directions(dense[:, None], self.phi)
+        self._meridians = self.sampler.matrix(self.sampler.locate(reference))
         self._apex_cells = self.sampler.locate_all([0, 0, 1], "cap")
-        self._subdivision = subdivide(snapshot.cells, _SEARCH)
 
     def frame(self, snapshot: Snapshot) -> Frame:
         """Return the cup's own axes."""
@@ -200,7 +175,9 @@ class Observer:
 
         Returns:
             ``D_over_r``, ``lambda_iov``, ``apex_height_over_R``, ``max_radius_over_R``,
-            ``depth_over_R`` (all physics.md section 3), ``tangent_angle_interface`` (rad; alpha on
+            ``depth_over_R`` (docs/theory.md, "Observables"; rim and largest radius are means over
+            the meridians, so that a mesh's small loss of symmetry counts in second order),
+            ``tangent_angle_interface`` (rad; alpha on
             the sphere, 0 where the meridian is horizontal, mean over the circle), ``asymmetry``
             (share of m >= 1 in the mean square position) and ``interface_m0`` .. ``interface_m8``
             (amplitude over R of the displacement of the interface circle in wavenumber m).
@@ -210,8 +187,9 @@ class Observer:
         aligned = replace(snapshot, position=position)
         apex, bottom = (self._poles @ aligned.position)[:, 2]
         rings = (self._rings @ aligned.position).reshape(self._ring_reference.shape)
-        top = maximise(aligned, self._subdivision, lambda x: x[:, 2])
-        r = maximise(aligned, self._subdivision, lambda x: np.hypot(x[:, 0], x[:, 1]))
+        meridians = (self._meridians @ aligned.position).reshape(_MERIDIAN_POINTS, -1, 3)
+        top = mean_peak(meridians[..., 2])
+        r = mean_peak(np.hypot(meridians[..., 0], meridians[..., 1]))
         depth = float(top - apex) if top - apex > _TOP else 0.0
         numbers = {
             "D_over_r": depth / r,

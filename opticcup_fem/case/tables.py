@@ -111,13 +111,11 @@ class Run(_Table):
 class Mesh(_Table):
     """Surface mesh, sizes in units of R."""
 
-    cell_size_cap: Positive = Field(default=0.18, description="cell size at the apex, in R")
+    cell_size_cap: Positive = Field(default=0.28, description="cell size at the apex, in R")
     cell_size_oov: Positive = Field(default=0.30, description="cell size away from the cap, in R")
     cell_size_interface: Positive = Field(
-        default=0.12, description="cell size at theta = alpha, in R"
+        default=0.085, description="cell size at theta = alpha, in R"
     )
-    # Observables, records and pictures take cubic cells only.
-    degree: Literal[3] = Field(default=3, description="polynomial degree of the position")
     seed: int = Field(default=1, ge=0, description="seed of the mesh generator")
 
 
@@ -126,12 +124,14 @@ class Solver(_Table):
 
     initial_step: Positive = Field(default=0.01, description="first step in t_n")
     max_step: Positive = Field(default=0.1, description="largest step in t_n")
-    min_step: Positive = Field(default=1e-5, description="smallest step in t_n before giving up")
+    min_step: Positive = Field(
+        default=1e-4, description="smallest step in t_n: limit points are located this closely"
+    )
     growth_factor: float = Field(
         default=1.5, gt=1, le=10, description="growth of the step on success"
     )
-    max_iterations: int = Field(default=12, ge=1, description="Newton iterations a step")
-    tolerance: float = Field(default=1e-8, gt=0, lt=1, description="relative Newton tolerance")
+    max_iterations: int = Field(default=15, ge=1, description="most Newton iterations a step")
+    tolerance: float = Field(default=1e-8, gt=0, lt=1, description="Newton tolerance, residual in mu_IOV R^2")
     max_move: Positive = Field(default=0.4, description="largest move of a node a step, in R")
 
 

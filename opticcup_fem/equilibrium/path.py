@@ -31,6 +31,7 @@ class StepControl:
         cut: Factor after a failed one.
         quick: A step of at most this many iterations is quick.
         max_move: Largest move of a node in one step, unit R.
+        jump_move: A relaxation that moves a node farther than this is a jump, unit R.
     """
 
     initial: float = 0.01
@@ -40,6 +41,7 @@ class StepControl:
     cut: float = 0.4
     quick: int = 6
     max_move: float = 0.4
+    jump_move: float = 0.05
 
 
 @dataclass(frozen=True)
@@ -165,14 +167,25 @@ class LoadStepping:
             if not relaxed.converged:
                 self.end = PathEnd(target, solution if relaxed.lost is None else relaxed)
                 return
+            jump = self._moved(relaxed.state, state) > control.jump_move
             t, state, dt = target, relaxed.state, control.initial
             self.accepted += 1
             history = _History()
             history.add(t, state)
             yield PathPoint(
-                t, state, True, 0, spent + relaxed.factorisations, 0.0, relaxed.energy
+                t,
+                state,
+                jump,
+                relaxed.negative_eigenvalues,
+                spent + relaxed.factorisations,
+                relaxed.residual,
+                relaxed.energy,
             )
             spent = 0
+
+    def _moved(self, after: ShellState, before: ShellState) -> float:
+        """Return the largest move of a node between two states (collective)."""
+        return self.problem.largest(np.linalg.norm(after.r - before.r, axis=1))
 
     def _is_good(self, solution: Solution, before: ShellState) -> bool:
         """Whether a solution may be accepted: converged, near, and stable."""
@@ -181,8 +194,7 @@ class LoadStepping:
         inertia = self.problem.inertia()
         if inertia is not None and inertia.negative > 0:
             return False
-        moved = np.linalg.norm(solution.state.r - before.r, axis=1)
-        return self.problem.largest(moved) <= self.control.max_move
+        return self._moved(solution.state, before) <= self.control.max_move
 
     def _point(self, t: float, state: ShellState, solution: Solution, spent: int) -> PathPoint:
         inertia = self.problem.inertia()

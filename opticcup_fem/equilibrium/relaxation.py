@@ -17,7 +17,7 @@ from petsc4py import PETSc
 
 from opticcup_fem.equilibrium.problem import Problem
 from opticcup_fem.shell.condensation import CondensedCells
-from opticcup_fem.shell.model import LostPlace, ShellState
+from opticcup_fem.shell.model import LostPlace, Shell, ShellState
 
 Array = NDArray[np.float64]
 
@@ -37,6 +37,7 @@ class Relaxed:
         energy: Energy of ``state``.
         residual: Norm of the condensed residual.
         reason: What stopped it, in words.
+        negative_eigenvalues: Of the tangent; None where the closure has no energy.
         lost: The fibre that stopped it, and its place, where that was the reason.
     """
 
@@ -47,6 +48,7 @@ class Relaxed:
     energy: float
     residual: float
     reason: str
+    negative_eigenvalues: int | None = None
     lost: LostPlace | None = None
 
 
@@ -70,6 +72,17 @@ def lumped_mass(problem: Problem) -> PETSc.Vec:
     mass = problem.vector.duplicate()
     problem.assemble_vector(cells, mass)
     return mass
+
+
+def starting_state(shell: Shell, state: ShellState) -> tuple[ShellState, LostPlace | None]:
+    """Return ``state`` in local equilibrium, or with the fibre that has none (collective).
+
+    The growth may have moved on since ``state`` was an equilibrium.
+    """
+    state = shell.with_updated_directors(state)
+    state = replace(state, kappa=shell.curvature_of(state))
+    lost = shell.lost_fibre(state)
+    return (state, lost) if lost is not None else (shell.with_local_equilibrium(state), None)
 
 
 class EnergyDescent:
@@ -101,7 +114,9 @@ class EnergyDescent:
     def relax(self, state: ShellState) -> Relaxed:
         """Descend from ``state`` at the shell's present growth (collective)."""
         shell, problem = self.problem.shell, self.problem
-        state = shell.with_local_equilibrium(shell.with_updated_directors(state))
+        state, lost = starting_state(shell, state)
+        if lost is not None:
+            return Relaxed(state, False, 0, 0, np.nan, np.nan, "no admissible start", None, lost)
         energy = shell.energy(state)
         shift, factorisations = 0.0, 0
         for iteration in range(self.max_iterations + 1):
@@ -113,7 +128,7 @@ class EnergyDescent:
             shift, spent = self._factorise(cells, shift)
             factorisations += spent
             if norm < self.tolerance and shift == 0.0:
-                return Relaxed(state, True, iteration, factorisations, energy, norm, "converged")
+                return Relaxed(state, True, iteration, factorisations, energy, norm, "converged", 0)
             accepted = self._line_search(state, energy)
             if accepted is None:
                 reason = "no step lowers the energy"

@@ -12,7 +12,7 @@ import numpy as np
 
 from opticcup_fem.equilibrium.newton import Drag, MixedNewton
 from opticcup_fem.equilibrium.problem import Problem
-from opticcup_fem.equilibrium.relaxation import Relaxed, lumped_mass
+from opticcup_fem.equilibrium.relaxation import Relaxed, lumped_mass, starting_state
 from opticcup_fem.shell.model import LostPlace, ShellState
 
 
@@ -44,9 +44,10 @@ class ViscousRelaxation:
     def relax(self, state: ShellState) -> Relaxed:
         """Flow from ``state`` at the shell's present growth (collective)."""
         shell = self.problem.shell
-        state = shell.with_local_equilibrium(shell.with_updated_directors(state))
-        step, spent = 1e-2, 0
-        lost = None
+        state, lost = starting_state(shell, state)
+        if lost is not None:
+            return Relaxed(state, False, 0, 0, np.nan, np.nan, "no admissible start", None, lost)
+        step, spent, speed = 1e-2, 0, np.inf
         for count in range(self.max_steps):
             solution = self.newton.solve(state, Drag(self._mass, 1 / step))
             spent += solution.iterations
@@ -55,7 +56,7 @@ class ViscousRelaxation:
             if not solution.converged or moved > self.max_move:
                 step *= 0.3
                 if step < 1e-8:
-                    return self._ended(state, False, count, spent, "the flow stalled", lost)
+                    return self._ended(state, False, count, spent, speed, "the flow stalled", lost)
                 continue
             speed = self._speed(state, solution.state, step)
             state = shell.with_updated_directors(solution.state)
@@ -64,9 +65,12 @@ class ViscousRelaxation:
                 spent += final.iterations
                 if final.converged:
                     rested = shell.with_updated_directors(final.state)
-                    return self._ended(rested, True, count, spent, "converged", None)
+                    return self._ended(
+                        rested, True, count, spent, final.residual, "converged", None
+                    )
             step *= 2.0
-        return self._ended(state, False, self.max_steps, spent, "the flow did not come to rest", lost)
+        reason = "the flow did not come to rest"
+        return self._ended(state, False, self.max_steps, spent, speed, reason, lost)
 
     def _speed(self, before: ShellState, after: ShellState, step: float) -> float:
         """Return |F| of a backward Euler step, which is |M du|/dtau."""
@@ -79,8 +83,9 @@ class ViscousRelaxation:
         converged: bool,
         iterations: int,
         spent: int,
+        residual: float,
         reason: str,
         lost: LostPlace | None,
     ) -> Relaxed:
         energy = self.problem.shell.energy(state)
-        return Relaxed(state, converged, iterations, spent, energy, 0.0, reason, lost)
+        return Relaxed(state, converged, iterations, spent, energy, residual, reason, None, lost)

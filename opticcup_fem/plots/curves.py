@@ -32,12 +32,12 @@ def draw_path(axes: Axes, path: "pd.DataFrame", name: str, colour: str, label: s
     axes.set_ylabel(style.SYMBOLS.get(name, name))
 
 
-def value_at(path: "pd.DataFrame", name: str, event: dict[str, Any]) -> float:
-    """Return a column's value at an event: on the branch that ends there, if it is a jump."""
+def place_of(path: "pd.DataFrame", name: str, event: dict[str, Any]) -> tuple[float, float]:
+    """Return t_n and a column's value at an event: before a jump, the branch's last state."""
     t_n = float(event["t_n"])
     before = [b for b in branches(path) if float(b["t_n"].iloc[0]) <= t_n]
     on = before[-1] if before else path
-    return float(np.interp(t_n, on["t_n"], on[name]))
+    return min(t_n, float(on["t_n"].iloc[-1])), float(np.interp(t_n, on["t_n"], on[name]))
 
 
 def mark_events(
@@ -47,10 +47,12 @@ def mark_events(
     for event in events:
         marker, label = style.EVENT_MARKERS[event["kind"]]
         wavenumber = f", m = {event['wavenumber']}" if "wavenumber" in event else ""
+        t_n, value = place_of(path, name, event)
         axes.plot(
-            [float(event["t_n"])],
-            [value_at(path, name, event)],
+            [t_n],
+            [value],
             linestyle="none",
+            clip_on=False,
             marker=marker,
             markersize=8,
             markerfacecolor="white",

@@ -90,10 +90,16 @@ def _mean_at(nodes: Integers, values: Floats) -> Floats:
     return total / count[:, None]
 
 
-def cut_open(layer: "pv.UnstructuredGrid") -> "pv.PolyData":
-    """Return the surface of a layer without the quarter x > 0, y < 0."""
-    left = layer.clip(normal="x", origin=(0, 0, 0))
-    right = layer.clip(normal="-x", origin=(0, 0, 0)).clip(normal="-y", origin=(0, 0, 0))
+def cut_open(layer: "pv.UnstructuredGrid", proud: float = 0.0) -> "pv.PolyData":
+    """Return the surface of a layer without the quarter x > 0, y < 0.
+
+    Args:
+        layer: Wedges of one layer.
+        proud: By how much the layer stands out of the cut.
+    """
+    edge = (proud, -proud, 0.0)
+    left = layer.clip(normal="x", origin=edge)
+    right = layer.clip(normal="-x", origin=edge).clip(normal="-y", origin=edge)
     return left.merge(right, merge_points=True).extract_surface()
 
 
@@ -108,9 +114,12 @@ def draw(run_dir: Path, out: Path, t_n: float | None = None) -> None:
     solids = layer_solids(reader.read()[0])
     plotter = pv.Plotter(off_screen=True, window_size=(1400, 1100), lighting="light kit")
     plotter.set_background("white")
+    by_size = sorted(solids, key=lambda layer: -solids[layer].volume)
     for layer, whole in solids.items():
         plotter.add_mesh(
-            cut_open(whole),
+            # walls may overlap where nothing models their contact: no two cuts may coincide, and
+            # the thinnest layer must stay visible
+            cut_open(whole, 0.002 * by_size.index(layer)),
             color=style.layer_colour(layer, tuple(solids)),
             label=f" {style.LAYER_LABELS.get(layer, layer)}",
             smooth_shading=True,

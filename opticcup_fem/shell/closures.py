@@ -112,16 +112,23 @@ class Fibre:
     Attributes:
         layer: The layer.
         height: Height xi.
-        weight: Quadrature weight times density ratio, broadcastable to (n,).
+        gauss_weight: Quadrature weight, in units of length.
+        density_ratio: Stress factor rho_r, broadcastable to (n,).
         growth: Growth factor e, broadcastable to (n,).
         natural: q = e^2 (1 - 2 xi k), broadcastable to (n,).
     """
 
     layer: Layer
     height: float
-    weight: Array | float
+    gauss_weight: float
+    density_ratio: Array | float
     growth: Array | float
     natural: Array | float
+
+    @property
+    def weight(self) -> Array | float:
+        """Quadrature weight times density ratio."""
+        return self.gauss_weight * self.density_ratio
 
     def lost(self, bad: Array, cause: str) -> LostFibre:
         """Return the exception that reports the worst of the points where ``bad`` is largest."""
@@ -379,7 +386,7 @@ def fibres(
     ):
         for xi, w in zip(heights, weights, strict=True):
             natural = np.square(factor) * (1 - 2 * xi * k_ref)
-            yield Fibre(layer, float(xi), w * ratio, factor, natural)
+            yield Fibre(layer, float(xi), float(w), ratio, factor, natural)
 
 
 def resultants(

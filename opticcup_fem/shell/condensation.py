@@ -10,7 +10,8 @@ and what is left for u = (r, alpha), with b = B/d and k_0 = L/d - kappa, is
     G = (Fr, 0) + (Krk k_0, 0) + b^T (Fk + Kkk k_0),
     H = Krr + Krk b + b^T Kkr + b^T Kkk b + d^2 <sigma, L>.
 
-Its iterates are those of the uncondensed system.  At a solution of the local equations H is the
+Its iterates are those of the uncondensed system.  External work depends on u alone: its derivatives
+are subtracted from G and H.  At a solution of the local equations H is the
 Hessian of the energy as a function of (r, alpha) alone.
 """
 
@@ -24,6 +25,7 @@ import numpy as np
 import ufl
 from numpy.typing import NDArray
 
+from opticcup_fem.shell.external_work import ExternalWork
 from opticcup_fem.shell.kernels import Kernel
 
 Array = NDArray[np.float64]
@@ -45,6 +47,7 @@ class CondensedCells:
         kernels: The compiled blocks, for what is tabulated only when asked for.
         data: Their coefficients.
         symmetric: Whether the tangent of the resultants is symmetric, so that Kkr = Krk^T.
+        external: The loads, where there are any.
     """
 
     gradient: Array
@@ -57,6 +60,7 @@ class CondensedCells:
     kernels: Mapping[str, Kernel]
     data: CellData
     symmetric: bool
+    external: ExternalWork | None
 
     @cached_property
     def k_kr(self) -> Array:
@@ -77,6 +81,8 @@ class CondensedCells:
         mixed = kernels["Ga_edge"](data).reshape(len(self.det_j), -1, n_r)
         hessian[:, n_r:, :n_r] += mixed
         hessian[:, :n_r, n_r:] += mixed.transpose(0, 2, 1)
+        if self.external is not None:
+            hessian[:, :n_r, :n_r] -= self.external.tangent(data)
         return hessian
 
     def local_update(self, du: Array, sigma: Array, fraction: float) -> tuple[Array, Array]:
@@ -114,14 +120,17 @@ def curvature_slope(kernels: Mapping[str, Kernel], data: CellData) -> Array:
 
 
 def condensed_gradient(
-    kernels: Mapping[str, Kernel], data: CellData, det_j: Array
+    kernels: Mapping[str, Kernel], data: CellData, det_j: Array, external: ExternalWork | None
 ) -> Array:
-    """Return the gradient (Fr, 0) + b^T Fk of the energy at kappa = L/d, shape (n_cells, n_u)."""
+    """Return the gradient (Fr, 0) + b^T Fk of the energy at kappa = L/d, shape (n_cells, n_u).
+
+    The gradient of the loads' work is subtracted.
+    """
     slope = curvature_slope(kernels, data)
     gradient = np.einsum("cku,ck->cu", slope, kernels["Fk"](data) / det_j[:, None])
     in_r = kernels["Fr"](data)
     gradient[:, : in_r.shape[1]] += in_r
-    return gradient
+    return gradient if external is None else gradient - external.gradient(data)
 
 
 def condense(
@@ -130,6 +139,7 @@ def condense(
     det_j: Array,
     kappa: Array,
     symmetric: bool,
+    external: ExternalWork | None = None,
 ) -> CondensedCells:
     """Tabulate and condense all cells.
 
@@ -139,6 +149,7 @@ def condense(
         det_j: |det J|, shape (n_cells,).
         kappa: Curvature state, shape (n_cells, n_k).
         symmetric: Whether the tangent of the resultants is symmetric.
+        external: The loads, if any.
     """
     d = det_j[:, None]
     kappa_0 = curvature_functional(kernels, data) / d - kappa
@@ -148,6 +159,8 @@ def condense(
     moved = bending + np.einsum("ckl,cl->ck", k_kk, kappa_0)
     gradient = np.einsum("cku,ck->cu", slope, moved)
     gradient[:, : force.shape[1]] += force + np.einsum("crk,ck->cr", k_rk, kappa_0)
+    if external is not None:
+        gradient -= external.gradient(data)
     return CondensedCells(
-        gradient, kappa_0, slope, bending, k_rk, k_kk, det_j, kernels, data, symmetric
+        gradient, kappa_0, slope, bending, k_rk, k_kk, det_j, kernels, data, symmetric, external
     )

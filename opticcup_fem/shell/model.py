@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+
+from mpi4py import MPI
 
 import numpy as np
 import ufl
-from mpi4py import MPI
 from numpy.typing import NDArray
 
 from opticcup_fem.mesh import SurfaceMesh
@@ -15,9 +16,11 @@ from opticcup_fem.shell import closures, condensation
 from opticcup_fem.shell.closures import GrowthState, LostFibre, Resultants
 from opticcup_fem.shell.condensation import CondensedCells
 from opticcup_fem.shell.directors import EdgeDirectors
+from opticcup_fem.shell.external_work import ExternalWork
 from opticcup_fem.shell.forms import ShellForms
 from opticcup_fem.shell.growth import GrowthLaw, SurfacePoints
 from opticcup_fem.shell.kernels import compile_kernels
+from opticcup_fem.shell.loads import Load, LoadSites
 from opticcup_fem.shell.section import Section
 from opticcup_fem.shell.spaces import ShellSpaces
 
@@ -81,6 +84,7 @@ class Shell:
         spaces: Finite-element spaces.
         reference: Reference positions of the nodes, shape (n_nodes, 3).
         growth: Growth of each layer of each region at the present t_n.
+        external: The loads, None where there are none.
     """
 
     def __init__(
@@ -90,6 +94,7 @@ class Shell:
         laws: Mapping[str, GrowthLaw],
         closure: str = "layer-stretch",
         degree: int = 3,
+        loads: Sequence[Load] = (),
     ) -> None:
         """Set the shell up in its reference position and compile its kernels (collective).
 
@@ -99,6 +104,11 @@ class Shell:
             laws: Growth law of every layer, by layer name.
             closure: A key of ``closures.CLOSURES``.
             degree: Polynomial degree of the position.
+            loads: Loads on the shell, see ``loads``.
+
+        Raises:
+            CaseError: A load has no usable value.
+            MeshError: A load names a curve or region that the mesh lacks.
         """
         self.surface_mesh, self.sections, self.closure = surface_mesh, dict(sections), closure
         self.laws = dict(laws)
@@ -113,6 +123,10 @@ class Shell:
         self._tabulate()
         self._regions = self._find_regions()
         self.growth: dict[str, list[GrowthState]] = {}
+        self.external: ExternalWork | None = None
+        if loads:
+            sites = LoadSites.of(surface_mesh, self.spaces, self.reference, self.area_ref)
+            self.external = ExternalWork(loads, self.forms, sites)
         self.set_time(0.0)
 
     def _tabulate(self) -> None:
@@ -158,13 +172,18 @@ class Shell:
     @property
     def has_energy(self) -> bool:
         """Whether virtual work is the derivative of an energy (symmetric tangent)."""
-        return closures.CLOSURES[self.closure].has_energy
+        loads_have = self.external is None or self.external.has_potential
+        return closures.CLOSURES[self.closure].has_energy and loads_have
 
     def set_time(self, t_n: float) -> None:
-        """Set the growth of every layer to normalised time ``t_n``."""
+        """Set the growth of every layer, and the loads, to normalised time ``t_n``."""
         self.t_n = t_n
+        if self.external is not None:
+            self.external.set_time(t_n)
         self.growth = {
-            region.name: [self.laws[layer.name](t_n, region.points) for layer in region.section.layers]
+            region.name: [
+                self.laws[layer.name](t_n, region.points) for layer in region.section.layers
+            ]
             for region in self._regions
         }
 
@@ -265,14 +284,21 @@ class Shell:
         return everywhere[0] if everywhere else None
 
     def energy(self, state: ShellState) -> float:
-        """Return the strain energy of ``state`` (with its own kappa), collective."""
-        density = self.resultants(state, tangent=False).energy
-        return float(self.comm.allreduce(np.sum(density * self.weights)))
+        """Return the energy of ``state`` (with its own kappa), collective.
+
+        Strain energy plus the potential of the loads; strain energy alone where they have none.
+        """
+        energy = float(np.sum(self.resultants(state, tangent=False).energy * self.weights))
+        if self.external is not None and self.external.has_potential:
+            energy -= self.external.work(self._kinematic_data(state))
+        return float(self.comm.allreduce(energy))
 
     def gradient(self, state: ShellState) -> Array:
         """Return the cell gradients in (r, alpha) of a state in local equilibrium."""
         data = self._kinematic_data(state) | self._material_data(state, tangent=False)
-        return condensation.condensed_gradient(self.kernels, data, self.spaces.det_j)
+        return condensation.condensed_gradient(
+            self.kernels, data, self.spaces.det_j, self.external
+        )
 
     def condensed(self, state: ShellState) -> CondensedCells:
         """Return the condensed cell systems at ``state``.
@@ -281,8 +307,9 @@ class Shell:
             LostFibre: On the rank that has the lost fibre.
         """
         data = self._kinematic_data(state) | self._material_data(state, tangent=True)
+        symmetric = closures.CLOSURES[self.closure].has_energy
         return condensation.condense(
-            self.kernels, data, self.spaces.det_j, state.kappa, self.has_energy
+            self.kernels, data, self.spaces.det_j, state.kappa, symmetric, self.external
         )
 
     def _kinematic_data(self, state: ShellState) -> dict[ufl.Coefficient, Array]:

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from opticcup_fem.shell import closures
 from opticcup_fem.shell.model import Shell, ShellState
-from opticcup_fem.shell.spaces import metric_of
 from opticcup_fem.snapshot import NODES, Snapshot
 
 Array = NDArray[np.float64]
@@ -17,11 +16,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class LayerFields:
-    """Layer means at some points of the cells of one region.
+    """Layer means at the nodes of the cells of one region.
 
     Attributes:
-        thickness_stretch: Mean of lambda_3 through the layer, shape (n_cells, n_points).
-        stress: Mean Cauchy stress (meridional, azimuthal, shear), shape (n_cells, n_points, 3),
+        thickness_stretch: Mean of lambda_3 through the layer, shape (n_cells, n_nodes).
+        stress: Mean Cauchy stress (meridional, azimuthal, shear), shape (n_cells, n_nodes, 3),
             unit mu_IOV.  The first direction is the current image of the reference meridian.
     """
 
@@ -29,10 +28,11 @@ class LayerFields:
     stress: Array
 
 
-def layer_fields(
-    shell: Shell, state: ShellState, region: str, points: Array
-) -> dict[str, LayerFields]:
-    """Recover the layers' fields at reference points of a region's cells.
+def layer_fields(shell: Shell, state: ShellState, region: str) -> dict[str, LayerFields]:
+    """Recover the layers' fields at the nodes of a region's cells.
+
+    They are evaluated at the quadrature points, where the solver has made sure that every layer
+    has a state, and carried to the nodes by a quadratic fit on each cell.
 
     With S^ab = 2 rho_r dPsi_0/dg_ab per reference volume and J = sqrt(det g/det a_ref) lambda_3,
     the Cauchy stress is S^ab g_a g_b / J; its physical components are taken in the metric g.
@@ -41,102 +41,100 @@ def layer_fields(
         shell: The shell, at the growth that ``state`` belongs to.
         state: The state.
         region: Name of a region.
-        points: Reference points, shape (n_points, 2).
-
-    Raises:
-        LostFibre: Some layer has no admissible state there.
     """
+    section, growth = shell.sections[region], shell.growth[region]
     cells = shell.region_cells(region)
-    forms, a_ref, meridian = _geometry_at(shell, state, cells, points)
-    growth = shell.growth_at(region, points)
+    forms = shell.forms_at_points(state)[cells].reshape(-1, 6)
+    a_ref = shell.a_ref[cells].reshape(-1, 3)
+    meridian = _meridian(shell, cells)
     inv = closures.invariants(forms, a_ref)
-    section = shell.sections[region]
-    k_ref = shell.surface_mesh.surface.curvature
-    lead = (len(cells), len(points))
-    sums = {layer.name: (np.zeros(len(forms)), np.zeros((len(forms), 3))) for layer in section.layers}
     closure = closures.CLOSURES[shell.closure]
-    weights = {
-        layer.name: w / layer.thickness
-        for layer, (_, w) in zip(section.layers, section.gauss_points, strict=True)
-    }
-    counters = dict.fromkeys(sums, 0)
-    ratios = {layer.name: g.density_ratio for layer, g in zip(section.layers, growth, strict=True)}
-    for fibre in closures.fibres(section, growth, k_ref):
-        name = fibre.layer.name
-        share = weights[name][counters[name]]
-        counters[name] += 1
+    stretches = {layer.name: np.zeros(len(forms)) for layer in section.layers}
+    stresses = {layer.name: np.zeros((len(forms), 3)) for layer in section.layers}
+    for fibre in closures.fibres(section, growth, shell.surface_mesh.surface.curvature):
+        share = fibre.gauss_weight / fibre.layer.thickness
         metric_stretch = closure.metric_stretch(inv, fibre)
         s = -2 * fibre.height * metric_stretch
         D = closures.area_ratio(inv, s, fibre)
-        in_plane_stress = np.sqrt(closures.plane_stress_stretch(D, fibre.layer))
-        stretch = in_plane_stress if closure.has_energy else metric_stretch
+        in_plane = np.sqrt(closures.plane_stress_stretch(D, fibre.layer))
+        stretch = in_plane if closure.has_energy else metric_stretch
         metric = forms[:, :3] + s[:, None] * forms[:, 3:]
-        mean_stretch, mean_stress = sums[name]
-        mean_stretch += share * stretch
-        mean_stress += share * _cauchy(fibre, ratios[name], D, stretch, metric, a_ref, meridian)
+        stretches[fibre.layer.name] += share * stretch
+        stresses[fibre.layer.name] += share * _cauchy(fibre, D, stretch, metric, a_ref, meridian)
+    to_nodes = _quadratic_fit(shell)
+    shape = (len(cells), to_nodes.shape[1])
     return {
-        name: LayerFields(stretch.reshape(lead), stress.reshape(*lead, 3))
-        for name, (stretch, stress) in sums.items()
+        name: LayerFields(
+            stretches[name].reshape(shape) @ to_nodes.T,
+            np.einsum("nq,cqi->cni", to_nodes, stresses[name].reshape(*shape, 3)),
+        )
+        for name in stretches
     }
 
 
-def _geometry_at(
-    shell: Shell, state: ShellState, cells: NDArray[np.int32], points: Array
-) -> tuple[Array, Array, Array]:
-    """Return (a, kappa), a_ref and the meridian direction t^a at points, leading shape (n,)."""
+def _quadratic_fit(shell: Shell) -> Array:
+    """Return the map from values at the quadrature points to values at the nodes of a cell."""
+    at_points = shell.spaces.curvature_table(shell.forms.quadrature_points)
+    fit: Array = shell.spaces.curvature_table(NODES) @ np.linalg.pinv(at_points)
+    return fit
+
+
+def _meridian(shell: Shell, cells: NDArray[np.int32]) -> Array:
+    """Return contravariant components of the meridian's direction at the quadrature points.
+
+    On the axis, where there is none, the direction of x stands in.
+
+    Returns:
+        Shape (n_cells * n_points, 2).
+    """
     spaces = shell.spaces
-    gradient = spaces.gradient_operator(points)[cells]
+    points = shell.forms.quadrature_points
     nodes = spaces.nodes[cells]
-    base_ref = np.einsum("cqna,cni->cqai", gradient, shell.reference[nodes])
-    base = np.einsum("cqna,cni->cqai", gradient, state.r[nodes])
-    kappa = state.kappa.reshape(spaces.n_cells, -1, 3)[cells]
-    forms = np.concatenate(
-        [metric_of(base), np.einsum("qb,cbi->cqi", spaces.curvature_table(points), kappa)], axis=-1
+    base = np.einsum(
+        "cqna,cni->cqai", spaces.gradient_operator(points)[cells], shell.reference[nodes]
     )
-    a_ref = metric_of(base_ref)
     x = np.einsum("qn,cni->cqi", spaces.position_table(points), shell.reference[nodes])
     outwards = x * np.array([1.0, 1.0, 0.0])
     outwards[np.linalg.norm(outwards, axis=-1) < 1e-9] = (1.0, 0.0, 0.0)
-    # colatitude increases away from the axis above the equator, towards it below
-    normal = np.cross(base_ref[..., 0, :], base_ref[..., 1, :])
     azimuth = np.cross(np.array([0.0, 0.0, 1.0]), outwards)
-    direction = np.cross(azimuth, normal)
-    covariant = np.einsum("cqai,cqi->cqa", base_ref, direction)
-    full = np.stack([a_ref[..., [0, 2]], a_ref[..., [2, 1]]], axis=-2)
-    meridian = np.linalg.solve(full, covariant[..., None])[..., 0]
-    return forms.reshape(-1, 6), a_ref.reshape(-1, 3), meridian.reshape(-1, 2)
+    direction = np.cross(azimuth, np.cross(base[..., 0, :], base[..., 1, :]))
+    covariant = np.einsum("cqai,cqi->cqa", base, direction).reshape(-1, 2)
+    a_ref = _matrices(shell.a_ref[cells].reshape(-1, 3))
+    return np.linalg.solve(a_ref, covariant[..., None])[..., 0]
+
+
+def _matrices(components: Array) -> Array:
+    """Return (n, 2, 2) matrices from (11, 22, 12) components of shape (n, 3)."""
+    return np.stack([components[:, [0, 2]], components[:, [2, 1]]], axis=1)
 
 
 def _cauchy(
-    fibre: closures.Fibre,
-    density_ratio: Array | float,
-    D: Array,
-    stretch: Array,
-    metric: Array,
-    a_ref: Array,
-    meridian: Array,
+    fibre: closures.Fibre, D: Array, stretch: Array, metric: Array, a_ref: Array, meridian: Array
 ) -> Array:
-    """Return the physical Cauchy components of a fibre, shape (n, 3)."""
+    """Return the physical Cauchy components (11, 22, 12) of a fibre, shape (n, 3)."""
     lmbda, mu = fibre.layer.lame, fibre.layer.shear_modulus
     psi_D = lmbda / 4 * (stretch**2 - 1 / D) - mu / (2 * D)
-    g = np.stack([metric[:, [0, 2]], metric[:, [2, 1]]], axis=1)
-    reference = np.stack([a_ref[:, [0, 2]], a_ref[:, [2, 1]]], axis=1)
-    inverse_natural = np.linalg.inv(reference) / np.reshape(fibre.natural, (-1, 1, 1))
-    second = 2 * (
-        (psi_D * D)[:, None, None] * np.linalg.inv(g) + mu / 2 * inverse_natural
-    ) * np.reshape(density_ratio, (-1, 1, 1))
+    g, reference = _matrices(metric), _matrices(a_ref)
+    g_nat_con = np.linalg.inv(reference) / np.reshape(fibre.natural, (-1, 1, 1))
+    second = 2 * ((psi_D * D)[:, None, None] * np.linalg.inv(g) + mu / 2 * g_nat_con)
+    second *= np.reshape(fibre.density_ratio, (-1, 1, 1))
     jacobian = np.sqrt(np.linalg.det(g) / np.linalg.det(reference)) * stretch
-    along = meridian / np.sqrt(np.einsum("na,nab,nb->n", meridian, g, meridian))[:, None]
-    covector = np.einsum("nab,nb->na", g, along)
-    # the direction normal to the meridian in the metric g
-    across = np.stack([-covector[:, 1], covector[:, 0]], axis=1)
-    across /= np.sqrt(np.einsum("na,nab,nb->n", across, g, across))[:, None]
-    co_across = np.einsum("nab,nb->na", g, across)
+    along = np.einsum("nab,nb->na", g, _unit_in(g, meridian))
+    # normal to the meridian in the metric g
+    across = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    across = np.einsum("nab,nb->na", g, _unit_in(g, across))
     parts = [
         np.einsum("na,nab,nb->n", p, second, q)
-        for p, q in ((covector, covector), (co_across, co_across), (covector, co_across))
+        for p, q in ((along, along), (across, across), (along, across))
     ]
     return np.stack(parts, axis=1) / jacobian[:, None]
+
+
+def _unit_in(g: Array, vectors: Array) -> Array:
+    """Return contravariant vectors (n, 2) scaled to length one in the metric g (n, 2, 2)."""
+    length = np.sqrt(np.einsum("na,nab,nb->n", vectors, g, vectors))
+    scaled: Array = vectors / length[:, None]
+    return scaled
 
 
 def capture(shell: Shell, state: ShellState, t_n: float) -> Snapshot | None:
@@ -160,7 +158,7 @@ def capture(shell: Shell, state: ShellState, t_n: float) -> Snapshot | None:
     for name in shell.sections:
         cells = shell.region_cells(name)
         region[cells] = shell.surface_mesh.regions[name]
-        parts[name] = layer_fields(shell, state, name, NODES)
+        parts[name] = layer_fields(shell, state, name)
         faces[name] = _faces(shell, state, name, parts[name])
     mine = {
         "reference": shell.reference[:owned],

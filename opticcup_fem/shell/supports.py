@@ -6,11 +6,14 @@ node, then k per edge.  Masks combine with ``|``; a new kind of support is a new
 
 from __future__ import annotations
 
-import numpy as np
 from mpi4py import MPI
+
+import numpy as np
+from dolfinx import la
 from numpy.typing import NDArray
 
 from opticcup_fem.errors import MeshError
+from opticcup_fem.shell.curves import curve_edges
 from opticcup_fem.shell.model import Shell
 from opticcup_fem.shell.spaces import EDGE_VERTICES
 
@@ -101,23 +104,22 @@ def _nearest_node(shell: Shell, place: NDArray[np.float64]) -> NDArray[np.intp]:
 
 
 def _on_curve(shell: Shell, curve: str) -> tuple[NDArray[np.intp], NDArray[np.int32]]:
-    """Return the local nodes and edges of a named curve.
+    """Return the local nodes and edges of a named curve (collective).
 
     Raises:
         MeshError: The mesh has no such curve.
     """
-    mesh = shell.surface_mesh
-    if curve not in mesh.curves:
-        raise MeshError(f"the mesh has no curve {curve!r}; it has {sorted(mesh.curves)}.")
-    edges = mesh.facet_tags.find(mesh.curves[curve])
+    edges = curve_edges(shell.surface_mesh, curve)
     spaces = shell.spaces
     on_edge = np.isin(spaces.edges, edges)
     k = spaces.degree
     per_edge = k - 1
-    marked = np.zeros(spaces.n_nodes + 1, dtype=np.int8)
+    marked = la.vector(spaces.position.dofmap.index_map)
     for local, (low, high) in enumerate(EDGE_VERTICES):
         cells = np.flatnonzero(on_edge[:, local])
         interior = 3 + local * per_edge + np.arange(per_edge)
-        marked[spaces.nodes[np.ix_(cells, [low, high, *interior])]] = 1
-    nodes = np.flatnonzero(marked[:-1])
-    return nodes, edges
+        marked.array[spaces.nodes[np.ix_(cells, [low, high, *interior])]] = 1.0
+    # a rank may hold an end of the curve without holding any of its edges
+    marked.scatter_reverse(la.InsertMode.add)
+    marked.scatter_forward()
+    return np.flatnonzero(marked.array > 0), edges

@@ -140,6 +140,27 @@ def test_symmetry_breaking_ends_the_search_for_invaginations(jump: bool, kind_ty
     assert broken["t_n_range"] == [before, first["t_n"]]
 
 
+@pytest.mark.parametrize(
+    ("asymmetry", "at", "kind_type"),
+    [
+        ([1e-8, 5e-5, 2e-4, 8e-4, 0.05, 0.06], 4, "jump"),  # bent by the mesh, then thrown
+        ([1e-8, 5e-5, 2e-4, 8e-4, 3e-3, 0.06], 2, "smooth"),  # the jump changes little
+        ([1e-8, 5e-5, 2e-4, 5e-3, 0.06, 0.07], 2, "smooth"),  # far from symmetric before it
+        ([1e-8, 1e-8, 1e-8, 1e-8, 2e-4, 3e-4], 4, "jump"),
+    ],
+)
+def test_an_imperfect_mesh_does_not_advance_the_loss_of_symmetry(
+    asymmetry: list[float], at: int, kind_type: str
+) -> None:
+    """With a jump before row 4, the event is the jump if that is what breaks the symmetry."""
+    t = np.linspace(0, 0.5, 6)
+    jump = [k == 4 for k in range(6)]
+    rows = descending(t, 1 + t, asymmetry=asymmetry, jump=jump)
+    (found,) = detect_events(rows)
+    assert (found["kind"], found["type"]) == ("symmetry_breaking", kind_type)
+    assert found["t_n_range"] == pytest.approx([t[at - 1], t[at]])
+
+
 def test_asymmetry_below_the_threshold_is_the_mesh() -> None:
     """Rows below the threshold are axisymmetric; a lower threshold finds them."""
     rows = [row | {"asymmetry": 5e-5} for row in rows_of(10)]

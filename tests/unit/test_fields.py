@@ -6,7 +6,7 @@ them: areas, normals, values between nodes), whatever the handedness of our cell
 
 from dataclasses import replace
 from pathlib import Path
-from xml.etree import ElementTree
+from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
@@ -141,6 +141,6 @@ def test_collection_lists_times_and_files(tmp_path: Path) -> None:
     """Times survive to the last digit."""
     times = [(0.0, "fields/a.vtu"), (0.1 + 0.2, "fields/b & c.vtu")]
     write_collection(tmp_path / "x.pvd", times)
-    root = ElementTree.parse(tmp_path / "x.pvd").getroot()
+    root = ET.parse(tmp_path / "x.pvd").getroot()
     found = [(float(d.get("timestep")), d.get("file")) for d in root.iter("DataSet")]
     assert found == times
