@@ -13,7 +13,7 @@ from opticcup_fem.equilibrium.problem import Problem
 from opticcup_fem.equilibrium.jumps import Relaxation
 from opticcup_fem.equilibrium.relaxation import Relaxed
 from opticcup_fem.errors import ClosureBreakdown, ConvergenceError, OpticCupError
-from opticcup_fem.shell.model import Shell, ShellState
+from opticcup_fem.shell.model import ShellState
 
 TIME_EPSILON = 1e-12
 """Two normalised times closer than this are the same."""
@@ -140,12 +140,12 @@ class LoadStepping:
         yield PathPoint(0.0, state, False, 0, 0, 0.0, shell.energy(state))
         landings = sorted({*times, t_end})
         t, dt, spent = 0.0, control.initial, 0
-        history = _History()
+        history = _History(self.problem)
         history.add(t, state)
         while t < t_end - TIME_EPSILON:
             target, dt_used = _next_time(t, history.limited(dt, control.smallest), landings)
             shell.set_time(target)
-            solution = self.newton.solve(history.predict(shell, target))
+            solution = self.newton.solve(history.predict(target))
             spent += solution.iterations
             if self._is_good(solution, state):
                 state = shell.with_updated_directors(solution.state)
@@ -170,7 +170,7 @@ class LoadStepping:
             jump = self._moved(relaxed.state, state) > control.jump_move
             t, state, dt = target, relaxed.state, control.initial
             self.accepted += 1
-            history = _History()
+            history = _History(self.problem)
             history.add(t, state)
             yield PathPoint(
                 t,
@@ -219,7 +219,8 @@ def _next_time(t: float, dt: float, landings: Sequence[float]) -> tuple[float, f
 class _History:
     """The last accepted states: predictor, and an estimate of how near a limit point is."""
 
-    def __init__(self) -> None:
+    def __init__(self, problem: Problem) -> None:
+        self._problem = problem
         self._points: list[tuple[float, ShellState]] = []
         self._blocked = math.inf
 
@@ -233,7 +234,7 @@ class _History:
         """Remember that a step to ``t`` failed."""
         self._blocked = min(t, self._blocked)
 
-    def predict(self, shell: Shell, t: float) -> ShellState:
+    def predict(self, t: float) -> ShellState:
         """Return the guess at ``t``: polynomial extrapolation through up to three states."""
         times = [time for time, _ in self._points]
         _, last = self._points[-1]
@@ -243,7 +244,7 @@ class _History:
                 (t - other) / (time - other) for j, other in enumerate(times) if j != i
             )
             guess = guess.plus(state.minus(last), weight)
-        return shell.with_mean_directors(guess)
+        return self._problem.shell.with_mean_directors(guess)
 
     def limited(self, dt: float, smallest: float) -> float:
         """Return ``dt``, or less near a failed step or where the path bends to a limit point.
@@ -263,8 +264,7 @@ class _History:
         if len(self._points) < 3:
             return math.inf
         (t_0, a), (t_1, b), (t_2, c) = self._points
-        s_1 = float(np.sqrt(np.mean((b.r - a.r) ** 2)))
-        s_2 = float(np.sqrt(np.mean((c.r - b.r) ** 2)))
+        s_1, s_2 = self._problem.distance(a, b), self._problem.distance(b, c)
         rate_1, rate_2 = (t_1 - t_0) / s_1, (t_2 - t_1) / s_2
         bend = (rate_2 - rate_1) / (s_1 + s_2)
         slope = rate_2 + bend * s_2

@@ -70,7 +70,8 @@ class Problem:
         numbering = self._numbering
         sizes = (numbering.owned, None)
         self._map = PETSc.LGMap().create(numbering.local_to_global, comm=self.comm)
-        self._start = int(self.comm.exscan(numbering.owned) or 0) if self.comm.rank else 0
+        before = self.comm.exscan(numbering.owned)  # None on rank 0
+        self._start = int(before or 0)
         self.matrix = PETSc.Mat().createAIJ((sizes, sizes), comm=self.comm)
         self.matrix.setLGMap(self._map, self._map)
         self.matrix.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
@@ -164,6 +165,13 @@ class Problem:
     def norm(self, owned: Array) -> float:
         """Return the Euclidean norm of values spread over the ranks (collective)."""
         return float(np.sqrt(self.comm.allreduce(np.sum(owned * owned))))
+
+    def distance(self, one: ShellState, other: ShellState) -> float:
+        """Return the r.m.s. distance of the nodes in two states (collective)."""
+        n = self.shell.spaces.position.dofmap.index_map.size_local
+        square = np.sum((one.r[:n] - other.r[:n]) ** 2)
+        total, count = self.comm.allreduce(np.array([square, float(n)]))
+        return float(np.sqrt(total / count))
 
     def largest(self, values: Array) -> float:
         """Return the largest of values spread over the ranks (collective)."""

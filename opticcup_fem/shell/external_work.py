@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from opticcup_fem.shell.forms import Integral, ShellForms
 from opticcup_fem.shell.kernels import Kernel, compile_kernels
-from opticcup_fem.shell.loads import Load, LoadSites, LoadValues
+from opticcup_fem.shell.loads import Load, LoadSites, LoadValues, quadrature_degree
 
 Array = NDArray[np.float64]
 CellData = Mapping[ufl.Coefficient, Array]
@@ -34,7 +34,8 @@ class WorkForms:
     def __init__(self, forms: ShellForms) -> None:
         """Write the forms in the position and the angles of ``forms``."""
         spaces, domain, frame = forms.spaces, forms.domain, forms.frame
-        degree = forms.quadrature_degree
+        degree = quadrature_degree(spaces)
+        dx = forms.dx(metadata={"quadrature_degree": degree, "quadrature_rule": "default"})
 
         def at_points(shape: tuple[int, ...]) -> ufl.Coefficient:
             element = basix.ufl.quadrature_element("triangle", value_shape=shape, degree=degree)
@@ -49,13 +50,13 @@ class WorkForms:
         gradient = ufl.grad(forms.r)
         area = ufl.cross(ufl.dot(gradient, frame.t_1), ufl.dot(gradient, frame.t_2))
         dead = ufl.dot(self.force, forms.r)
-        in_cells = ufl.dot(self.force + self.pressure * area, forms.v) * forms.dx
+        in_cells = ufl.dot(self.force + self.pressure * area, forms.v) * dx
         on_edge = (
             ufl.dot(self.edge_force, forms.r) - self.moment * forms.sign * forms.alpha
         ) * forms.ds
         volume = self.pressure * ufl.dot(forms.r, area) / 3
         self.integrals = {
-            "Q": Integral((dead + volume) * forms.dx, False),
+            "Q": Integral((dead + volume) * dx, False),
             "Qr": Integral(in_cells, False),
             "Qrr": Integral(ufl.derivative(in_cells, forms.r, forms.dr), False),
             "Q_edge": Integral(on_edge, True),

@@ -24,6 +24,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
+import basix
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -38,6 +39,14 @@ Magnitude = ArrayLike | Callable[[float], ArrayLike]
 """A constant, or a function of the normalised time t_n that returns one."""
 
 
+def quadrature_degree(spaces: ShellSpaces) -> int:
+    """Return the degree at which (r_,1 x r_,2) . dr is integrated exactly.
+
+    Only then is the tangent of the pressure on a closed surface symmetric.
+    """
+    return 3 * spaces.degree - 2
+
+
 @dataclass(frozen=True)
 class LoadSites:
     """Where loads can act on the cells of a rank.
@@ -47,7 +56,8 @@ class LoadSites:
         spaces: Its spaces.
         edge_length: dS_ref over the flat edge's length at the edges' Gauss points, in the cells'
             own order, shape (n_cells, 3, k).
-        area: dA_ref over the flat area at the cell quadrature points, shape (n_cells, n_points).
+        area: dA_ref over the flat area at the points of ``quadrature_degree``, shape
+            (n_cells, n_points).
     """
 
     mesh: SurfaceMesh
@@ -56,19 +66,22 @@ class LoadSites:
     area: Array
 
     @classmethod
-    def of(
-        cls, mesh: SurfaceMesh, spaces: ShellSpaces, reference: Array, area: Array
-    ) -> LoadSites:
-        """Measure the edges of the reference position, nodes of shape (n_nodes, 3)."""
+    def of(cls, mesh: SurfaceMesh, spaces: ShellSpaces, reference: Array) -> LoadSites:
+        """Measure edges and cells of the reference position, nodes of shape (n_nodes, 3)."""
+        cell_nodes = reference[spaces.nodes]
         points = spaces.edge_reference_points().reshape(-1, 2)
-        base = np.einsum(
-            "cqna,cni->cqai", spaces.gradient_operator(points), reference[spaces.nodes]
-        ).reshape(spaces.n_cells, 3, -1, 2, 3)
+        base = np.einsum("cqna,cni->cqai", spaces.gradient_operator(points), cell_nodes)
         corners = spaces.coordinates
         run = corners[:, EDGE_VERTICES[:, 1]] - corners[:, EDGE_VERTICES[:, 0]]
         run = run / np.linalg.norm(run, axis=-1, keepdims=True)
         direction = np.einsum("cei,cai->cea", run, spaces.frame[:, :2])
+        base = base.reshape(spaces.n_cells, 3, -1, 2, 3)
         along = np.einsum("ceqai,cea->ceqi", base, direction)
+        points, _ = basix.make_quadrature(basix.CellType.triangle, quadrature_degree(spaces))
+        a_11, a_22, a_12 = np.moveaxis(
+            spaces.metric(cell_nodes, spaces.gradient_operator(points)), -1, 0
+        )
+        area = np.sqrt(a_11 * a_22 - a_12**2)
         return cls(mesh, spaces, np.linalg.norm(along, axis=-1), area)
 
     def on_curve(self, curve: str, side: str | None) -> Array:

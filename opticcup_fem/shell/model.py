@@ -125,7 +125,7 @@ class Shell:
         self.growth: dict[str, list[GrowthState]] = {}
         self.external: ExternalWork | None = None
         if loads:
-            sites = LoadSites.of(surface_mesh, self.spaces, self.reference, self.area_ref)
+            sites = LoadSites.of(surface_mesh, self.spaces, self.reference)
             self.external = ExternalWork(loads, self.forms, sites)
         self.set_time(0.0)
 
