@@ -6,12 +6,15 @@ readonly suite=trixie
 readonly venv_inside=/opticcup-venv # the same path for every venv, so that one can be renamed
 readonly free_gigabytes=6
 
-debian_packages() { sed 's/#.*//' "$project/docker/packages.txt" | tr -s ' \t' '\n' | grep . | sort -u; }
+debian_packages() {
+    sed 's/#.*//' "$project/docker/packages.txt" | tr -s ' \t' '\n' | grep . | sort -u
+}
 
+# What it takes to build a root filesystem, or to run in one.
 install_tools() {
     local missing=() become=()
     command -v bwrap >/dev/null || missing+=(bubblewrap)
-    if [ "${1:-}" = build ]; then
+    if [ "$1" = build ]; then
         command -v mmdebstrap >/dev/null || missing+=(mmdebstrap)
         compgen -G '/usr/share/keyrings/debian-archive-keyring.*' >/dev/null ||
             missing+=(debian-archive-keyring)
@@ -77,9 +80,9 @@ host_mirror() {
 }
 
 make_rootfs() {
-    say "making a Debian 13 root filesystem in $rootfs, once: about 2 minutes, 3 GB."
+    say "making a Debian 13 root filesystem in $rootfs, once: 2 to 5 minutes, 3.3 GB."
     logged mmdebstrap_steps "${OPTICCUP_MIRROR:-}" ||
-        logged mmdebstrap_steps "$(host_mirror)" ||
+        { [ -z "${OPTICCUP_MIRROR:-}" ] && logged mmdebstrap_steps "$(host_mirror)"; } ||
         fail_setup "mmdebstrap could not make the root filesystem"
     # Places to bind the host's files of these names on.
     touch "$partial"/rootfs/etc/{hosts,resolv.conf}
@@ -102,8 +105,10 @@ make_venv() {
 }
 
 make_environment() {
-    install_tools build
-    check_machine
+    if [ ! -d "$rootfs" ]; then
+        install_tools build
+        check_machine
+    fi
     begin_setup
     [ -d "$rootfs" ] || make_rootfs
     [ -d "$venv" ] || make_venv
@@ -216,6 +221,6 @@ run_in_debian() {
     if [ ! -d "$rootfs" ] || [ ! -d "$venv" ]; then
         make_environment
     fi
-    install_tools
+    install_tools run
     enter --ro-bind "$venv" "$@"
 }

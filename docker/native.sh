@@ -78,5 +78,7 @@ run_native() {
     [ -e "$venv/.complete" ] || make_native_venv "$venv"
     export OPTICCUP_INSIDE=1 PATH="$venv/bin:$PATH" OMP_NUM_THREADS="${OMP_NUM_THREADS:-1}"
     export PYTHONPATH="$project${PYTHONPATH:+:$PYTHONPATH}"
+    # mpirun may start more processes than there are cores.
+    export PRTE_MCA_rmaps_default_mapping_policy=${PRTE_MCA_rmaps_default_mapping_policy:-:oversubscribe}
     exec "$@"
 }

@@ -4,10 +4,11 @@ import importlib
 import importlib.metadata
 from typing import Any
 
+from mpi4py import MPI
+
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, mesh
-from mpi4py import MPI
 
 __all__ = ["interpolation_points", "model_to_mesh"]
 

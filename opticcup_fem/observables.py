@@ -157,8 +157,11 @@ class Observer:
         self._ring_reference = directions(theta[:, None], self.phi)
         self._rings = self.sampler.matrix(self.sampler.locate(self._ring_reference))
         circle = directions(alpha, self.phi)
-        self._sides = [self.sampler.locate(circle, region) for region in ("cap", "oov")]
-        self._circle = self.sampler.matrix(self._sides[0])
+        self._circle = self.sampler.matrix(self.sampler.locate(circle, "cap"))
+        # off the interface's vertices, where the normal would be that of whichever cell comes first
+        self._side_phi = self.phi + 0.38 * (self.phi[1] - self.phi[0])
+        between = directions(alpha, self._side_phi)
+        self._sides = [self.sampler.locate(between, region) for region in ("cap", "oov")]
         self._poles = self.sampler.matrix(self.sampler.locate([[0, 0, 1], [0, 0, -1]]))
         dense = np.linspace(0.0, np.pi, _MERIDIAN_POINTS)
         reference = directions(dense[:, None], self.phi)
@@ -210,14 +213,14 @@ class Observer:
 
     def _tangent_angle(self, aligned: Snapshot) -> float:
         """Return the meridian's slope below the horizontal at the interface (rad)."""
-        normals = np.zeros((len(self.phi), 3))
+        normals = np.zeros((len(self._side_phi), 3))
         for side in self._sides:
             tangents = cell_tangents(aligned.position, aligned.cells[side.cell], side.point)
             normal = np.cross(tangents[:, 0], tangents[:, 1])
             normal *= aligned.orientation[side.cell, None]
             normals += normal / np.linalg.norm(normal, axis=1, keepdims=True)
         # the normal of a meridian that falls by psi points psi away from the axis
-        radial, _, axial = cylindrical(normals, self.phi).mean(axis=0)
+        radial, _, axial = cylindrical(normals, self._side_phi).mean(axis=0)
         return float(np.arctan2(radial, axial))
 
     def _wavenumbers(self, aligned: Snapshot) -> dict[str, float]:

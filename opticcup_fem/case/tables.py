@@ -109,10 +109,16 @@ class Run(_Table):
 
 
 class Mesh(_Table):
-    """Surface mesh, sizes in units of R."""
+    """Surface mesh, sizes in units of R.
+
+    The default of ``cell_size_oov`` follows the width sqrt(R h) of the boundary layers in which
+    the OOV bends, 0.3 sqrt(5 h/R), never above 0.3 (docs/decisions/0009-mesh-sizes.md).
+    """
 
     cell_size_cap: Positive = Field(default=0.28, description="cell size at the apex, in R")
-    cell_size_oov: Positive = Field(default=0.30, description="cell size away from the cap, in R")
+    cell_size_oov: Positive = Field(
+        default=0.30, description="cell size away from the cap, in R; default 0.3 sqrt(5 h/R)"
+    )
     cell_size_interface: Positive = Field(
         default=0.085, description="cell size at theta = alpha, in R"
     )
@@ -131,7 +137,9 @@ class Solver(_Table):
         default=1.5, gt=1, le=10, description="growth of the step on success"
     )
     max_iterations: int = Field(default=15, ge=1, description="most Newton iterations a step")
-    tolerance: float = Field(default=1e-8, gt=0, lt=1, description="Newton tolerance, residual in mu_IOV R^2")
+    tolerance: float = Field(
+        default=1e-8, gt=0, lt=1, description="Newton tolerance, residual in mu_IOV R^2"
+    )
     max_move: Positive = Field(default=0.4, description="largest move of a node a step, in R")
 
 
@@ -158,7 +166,7 @@ class Case(_Table):
     material: Material = Field(default=Material(), description="layers and closure")
     growth: Growth = Field(default=Growth(), description="growth factors e = 1 + rate t_n")
     run: Run = Field(default=Run(), description="discretisation and last time")
-    mesh: Mesh = Field(default=Mesh(), description="surface mesh")
+    mesh: Mesh = Field(default=Mesh(), validate_default=True, description="surface mesh")
     solver: Solver = Field(default=Solver(), description="load stepping and Newton")
     output: Output = Field(default=Output(), validate_default=True, description="what is written")
 
@@ -174,6 +182,24 @@ class Case(_Table):
         if t_end - times[-1] > 1e-9:
             times.append(t_end)
         return output.model_copy(update={"times": tuple(times)})
+
+    @field_validator("mesh", mode="after")
+    @classmethod
+    def _resolve_sizes(cls, mesh: Mesh, info: ValidationInfo) -> Mesh:
+        # The defaults follow the thickness, which another table holds.
+        if "shape" not in info.data:
+            return mesh
+        given, sizes = mesh.model_fields_set, {}
+        if "cell_size_oov" not in given:
+            sizes["cell_size_oov"] = round(
+                min(0.3, 0.3 * (5 * info.data["shape"].thickness) ** 0.5), 4
+            )
+        oov = sizes.get("cell_size_oov", mesh.cell_size_oov)
+        if "cell_size_cap" not in given:
+            sizes["cell_size_cap"] = min(mesh.cell_size_cap, info.data["shape"].opening_angle / 2)
+        if "cell_size_interface" not in given:
+            sizes["cell_size_interface"] = min(mesh.cell_size_interface, round(0.4 * oov, 4))
+        return mesh.model_copy(update=sizes)
 
     @model_validator(mode="after")
     def _cross_checks(self) -> Self:

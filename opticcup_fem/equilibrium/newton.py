@@ -13,14 +13,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
-import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
+import numpy as np
+from numpy.typing import NDArray
+
 from opticcup_fem.equilibrium.problem import Problem
-from opticcup_fem.shell.closures import LostFibre
 from opticcup_fem.shell.condensation import CondensedCells
+from opticcup_fem.shell.fibres import LostFibre
 from opticcup_fem.shell.model import LostPlace, ShellState
 
 Array = NDArray[np.float64]
@@ -30,8 +31,9 @@ DIVERGED_RESIDUAL = 1e8
 """A residual above this (unit: mu_IOV R^2) has left every basin of attraction."""
 
 WANDERING = 10.0
-"""From the third iteration on, a residual this many times the smallest one so far means that the
-iteration wanders (beyond a limit point it does so for ever); solves that converge never do."""
+"""A residual this many times the smallest one since the second iteration means that the iteration
+wanders (beyond a limit point it does so for ever); solves that converge do not.  The first two
+iterations may raise it by orders of magnitude."""
 
 SMALLEST_FRACTION = 0.02
 """Newton steps are not cut below this fraction."""
@@ -215,8 +217,9 @@ class MixedNewton:
             return Reason.DIVERGED_FUNCTION_DOMAIN
         if self._norm < self.tolerance:
             return Reason.CONVERGED_FNORM_ABS
-        wandering = iteration >= 3 and self._norm > WANDERING * self._smallest
-        self._smallest = min(self._norm, self._smallest)
+        wandering = self._norm > WANDERING * self._smallest
+        if iteration >= 2:
+            self._smallest = min(self._norm, self._smallest)
         if wandering or self._norm > DIVERGED_RESIDUAL:
             return Reason.DIVERGED_DTOL
         if iteration >= self.max_iterations:

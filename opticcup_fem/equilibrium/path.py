@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from opticcup_fem.equilibrium.jumps import Relaxation
 from opticcup_fem.equilibrium.newton import MixedNewton, Solution
 from opticcup_fem.equilibrium.problem import Problem
-from opticcup_fem.equilibrium.jumps import Relaxation
 from opticcup_fem.equilibrium.relaxation import Relaxed
 from opticcup_fem.errors import ClosureBreakdown, ConvergenceError, OpticCupError
 from opticcup_fem.shell.model import ShellState
@@ -120,7 +120,7 @@ class LoadStepping:
         if attempt.lost is not None:
             fibre, place = attempt.lost
             closure = self.problem.shell.closure
-            return ClosureBreakdown(closure, fibre.layer, fibre.height, place, t_n)
+            return ClosureBreakdown(closure, fibre.layer, fibre.height, [*map(float, place)], t_n)
         return ConvergenceError(
             attempt.reason, t_n, self.accepted, attempt.iterations, attempt.residual
         )

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 from petsc4py import PETSc
+
+import numpy as np
+from numpy.typing import NDArray
 
 from opticcup_fem.shell.condensation import CondensedCells
 from opticcup_fem.shell.model import Shell, ShellState
@@ -43,7 +44,7 @@ class Problem:
             held: Mask of held unknowns; their rows and columns become those of the identity.
         """
         self.shell, self.held = shell, held
-        self.comm: MPI.Comm = shell.comm
+        self.comm: MPI.Intracomm = shell.comm
         self.symmetric = shell.has_energy
         self._numbering = number_unknowns(shell.spaces)
         self._split = 3 * shell.spaces.n_nodes
@@ -55,8 +56,8 @@ class Problem:
         """Local numbers of the unknowns of every cell, shape (n_cells, n_u)."""
         shell, spaces = self.shell, self.shell.spaces
         positions = 3 * spaces.nodes[:, :, None] + np.arange(3)
-        slots = np.arange(spaces.n_edges * spaces.degree).reshape(-1, spaces.degree)
-        angles = self._split + shell.directors.per_cell(slots)
+        slots: Array = np.arange(spaces.n_edges * spaces.degree, dtype=np.float64)
+        angles = self._split + shell.directors.per_cell(slots.reshape(-1, spaces.degree))
         n = spaces.n_cells
         self.cell_unknowns = np.concatenate(
             [positions.reshape(n, -1), angles.reshape(n, -1)], axis=1
@@ -153,9 +154,7 @@ class Problem:
     def assemble_vector(self, cells: Array, out: PETSc.Vec) -> None:
         """Add up cell vectors into ``out``; held unknowns get zero (collective)."""
         n_local = len(self._numbering.local_to_global)
-        summed = np.bincount(
-            self.cell_unknowns.ravel(), weights=cells.ravel(), minlength=n_local
-        )
+        summed = np.bincount(self.cell_unknowns.ravel(), weights=cells.ravel(), minlength=n_local)
         summed[self.held] = 0.0
         with self.vector.localForm() as local:
             local.array[self._local_slot] = summed

@@ -11,9 +11,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+from petsc4py import PETSc
+
 import numpy as np
 from numpy.typing import NDArray
-from petsc4py import PETSc
 
 from opticcup_fem.equilibrium.problem import Problem
 from opticcup_fem.shell.condensation import CondensedCells
@@ -66,9 +67,7 @@ def lumped_mass(problem: Problem) -> PETSc.Vec:
     gauss = np.polynomial.legendre.leggauss(spaces.degree)[1] / 2
     strip = 0.5 * lengths[:, :, None] * gauss * shell.thickness**3 / 12
     n = spaces.n_cells
-    cells = np.concatenate(
-        [np.repeat(np.abs(nodal), 3, axis=1), strip.reshape(n, -1)], axis=1
-    )
+    cells = np.concatenate([np.repeat(np.abs(nodal), 3, axis=1), strip.reshape(n, -1)], axis=1)
     mass = problem.vector.duplicate()
     problem.assemble_vector(cells, mass)
     return mass

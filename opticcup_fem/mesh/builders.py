@@ -1,8 +1,9 @@
 """The meshes with a circle: cup, open cap and disk."""
 
+from mpi4py import MPI
+
 import numpy as np
 import numpy.typing as npt
-from mpi4py import MPI
 
 from opticcup_fem.mesh.checks import check_angle, edge_count, positive
 from opticcup_fem.mesh.disc import jitter, mesh_disc, on_sphere, plane_radius

@@ -3,8 +3,9 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import numpy as np
 from mpi4py import MPI
+
+import numpy as np
 
 from opticcup_fem.compat import model_to_mesh
 from opticcup_fem.errors import MeshError

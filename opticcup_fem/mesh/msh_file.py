@@ -5,10 +5,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from mpi4py import MPI
+
 import numpy as np
 import numpy.typing as npt
 from dolfinx.mesh import entities_to_geometry
-from mpi4py import MPI
 
 from opticcup_fem.errors import MeshError
 from opticcup_fem.mesh.distribute import distribute, fill_model

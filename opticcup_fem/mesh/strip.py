@@ -1,7 +1,8 @@
 """The flat strip, a structured mesh."""
 
-import numpy as np
 from mpi4py import MPI
+
+import numpy as np
 
 from opticcup_fem.errors import MeshError
 from opticcup_fem.mesh.checks import positive

@@ -2,11 +2,12 @@
 
 from dataclasses import dataclass
 
+from mpi4py import MPI
+
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.mesh import Mesh, MeshTags
-from mpi4py import MPI
 
 from opticcup_fem.mesh.reference import place_on_surface
 from opticcup_fem.mesh.surfaces import Surface

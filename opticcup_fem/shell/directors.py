@@ -64,7 +64,7 @@ class EdgeDirectors:
 
     def tangents(self, r: Array) -> Array:
         """Return the current unit edge tangents, low to high vertex, shape (n_edges, k, 3)."""
-        tangent = np.einsum("ceqai,cea->ceqi", self._base_vectors(r), self._direction)
+        tangent: Array = np.einsum("ceqai,cea->ceqi", self._base_vectors(r), self._direction)
         out = np.zeros((self._spaces.n_edges * self._spaces.degree, 3))
         out[self._slots] = _unit(tangent)
         return self._shared(out)
@@ -72,7 +72,8 @@ class EdgeDirectors:
     def mean_normals(self, r: Array) -> Array:
         """Return the unit mean normals, normal to the edges, shape (n_edges, k, 3) (collective)."""
         base = self._base_vectors(r)
-        normals = _unit(np.cross(base[..., 0, :], base[..., 1, :]))
+        normal: Array = np.cross(base[..., 0, :], base[..., 1, :]).astype(np.float64)
+        normals = _unit(normal)
         total = np.zeros((self._spaces.n_edges * self._spaces.degree, 3))
         np.add.at(total, self._slots.ravel(), normals.reshape(-1, 3))
         self._exchange.array[:] = total.ravel()

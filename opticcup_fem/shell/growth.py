@@ -17,7 +17,7 @@ from dolfinx import fem
 from dolfinx import mesh as dmesh
 from numpy.typing import NDArray
 
-from opticcup_fem.shell.closures import GrowthState
+from opticcup_fem.shell.fibres import GrowthState
 
 Array = NDArray[np.float64]
 

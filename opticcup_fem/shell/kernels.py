@@ -17,11 +17,12 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from mpi4py import MPI
+
 import cffi
 import numpy as np
 import ufl
 from dolfinx import jit
-from mpi4py import MPI
 from numpy.typing import NDArray
 
 from opticcup_fem import compat
@@ -169,7 +170,9 @@ class Kernel:
         """
         n_cells = len(self._coordinates)
         n = n_cells * self.per_cell
-        packed = np.concatenate([self._pack(c, data[c], n_cells) for c in self.coefficients], axis=1)
+        packed = np.concatenate(
+            [self._pack(c, data[c], n_cells) for c in self.coefficients], axis=1
+        )
         lead = (n_cells, 3) if self.per_cell == 3 else (n_cells,)
         tensors = np.zeros(lead + self.shape)
         if n == 0:

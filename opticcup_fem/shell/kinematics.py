@@ -107,9 +107,7 @@ def edge_kink(
     t = along / ufl.sqrt(ufl.dot(along, along))
     normal_part = across - ufl.dot(across, t) * t
     stretch = ufl.sqrt(ufl.dot(normal_part, normal_part))
-    angle = ufl.atan2(
-        ufl.dot(normal_part, director), ufl.dot(across, ufl.cross(t, director))
-    )
+    angle = ufl.atan2(ufl.dot(normal_part, director), ufl.dot(across, ufl.cross(t, director)))
     return -stretch * (angle + sign * alpha)
 
 

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from opticcup_fem.mesh import SurfaceMesh
 from opticcup_fem.shell import closures, condensation
-from opticcup_fem.shell.closures import GrowthState, LostFibre, Resultants
 from opticcup_fem.shell.condensation import CondensedCells
 from opticcup_fem.shell.directors import EdgeDirectors
 from opticcup_fem.shell.external_work import ExternalWork
+from opticcup_fem.shell.fibres import GrowthState, LostFibre, Resultants
 from opticcup_fem.shell.forms import ShellForms
 from opticcup_fem.shell.growth import GrowthLaw, SurfacePoints
 from opticcup_fem.shell.kernels import compile_kernels
@@ -112,7 +112,7 @@ class Shell:
         """
         self.surface_mesh, self.sections, self.closure = surface_mesh, dict(sections), closure
         self.laws = dict(laws)
-        self.comm: MPI.Comm = surface_mesh.mesh.comm
+        self.comm: MPI.Intracomm = surface_mesh.mesh.comm
         self.spaces = ShellSpaces(surface_mesh.mesh, surface_mesh.orientation(), degree)
         self.reference: Array = (
             surface_mesh.reference_position(self.spaces.position).x.array.reshape(-1, 3).copy()
@@ -296,9 +296,7 @@ class Shell:
     def gradient(self, state: ShellState) -> Array:
         """Return the cell gradients in (r, alpha) of a state in local equilibrium."""
         data = self._kinematic_data(state) | self._material_data(state, tangent=False)
-        return condensation.condensed_gradient(
-            self.kernels, data, self.spaces.det_j, self.external
-        )
+        return condensation.condensed_gradient(self.kernels, data, self.spaces.det_j, self.external)
 
     def condensed(self, state: ShellState) -> CondensedCells:
         """Return the condensed cell systems at ``state``.

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from opticcup_fem.shell import closures
+from opticcup_fem.shell import closures, fibres
 from opticcup_fem.shell.model import Shell, ShellState
 from opticcup_fem.snapshot import NODES, Snapshot
 
@@ -47,16 +48,16 @@ def layer_fields(shell: Shell, state: ShellState, region: str) -> dict[str, Laye
     forms = shell.forms_at_points(state)[cells].reshape(-1, 6)
     a_ref = shell.a_ref[cells].reshape(-1, 3)
     meridian = _meridian(shell, cells)
-    inv = closures.invariants(forms, a_ref)
+    inv = fibres.invariants(forms, a_ref)
     closure = closures.CLOSURES[shell.closure]
     stretches = {layer.name: np.zeros(len(forms)) for layer in section.layers}
     stresses = {layer.name: np.zeros((len(forms), 3)) for layer in section.layers}
-    for fibre in closures.fibres(section, growth, shell.surface_mesh.surface.curvature):
+    for fibre in fibres.fibres(section, growth, shell.surface_mesh.surface.curvature):
         share = fibre.gauss_weight / fibre.layer.thickness
         metric_stretch = closure.metric_stretch(inv, fibre)
         s = -2 * fibre.height * metric_stretch
-        D = closures.area_ratio(inv, s, fibre)
-        in_plane = np.sqrt(closures.plane_stress_stretch(D, fibre.layer))
+        D = fibres.area_ratio(inv, s, fibre)
+        in_plane = np.sqrt(fibres.plane_stress_stretch(D, fibre.layer))
         stretch = in_plane if closure.has_energy else metric_stretch
         metric = forms[:, :3] + s[:, None] * forms[:, 3:]
         stretches[fibre.layer.name] += share * stretch
@@ -109,7 +110,7 @@ def _matrices(components: Array) -> Array:
 
 
 def _cauchy(
-    fibre: closures.Fibre, D: Array, stretch: Array, metric: Array, a_ref: Array, meridian: Array
+    fibre: fibres.Fibre, D: Array, stretch: Array, metric: Array, a_ref: Array, meridian: Array
 ) -> Array:
     """Return the physical Cauchy components (11, 22, 12) of a fibre, shape (n, 3)."""
     lmbda, mu = fibre.layer.lame, fibre.layer.shear_modulus
@@ -148,34 +149,45 @@ def capture(shell: Shell, state: ShellState, t_n: float) -> Snapshot | None:
     Returns:
         The snapshot on rank 0, None elsewhere.
     """
-    spaces, comm = shell.spaces, shell.comm
+    spaces = shell.spaces
     index_map = spaces.position.dofmap.index_map
     owned = index_map.size_local
     nodes = index_map.local_to_global(np.ascontiguousarray(spaces.nodes.ravel()))
     region = np.zeros(spaces.n_cells, dtype=np.int64)
-    parts: dict[str, dict[str, LayerFields]] = {}
+    layers: dict[str, LayerFields] = {}
     faces: dict[str, Array] = {}
     for name in shell.sections:
         cells = shell.region_cells(name)
         region[cells] = shell.surface_mesh.regions[name]
-        parts[name] = layer_fields(shell, state, name)
-        faces[name] = _faces(shell, state, name, parts[name])
-    mine = {
-        "reference": shell.reference[:owned],
-        "position": state.r[:owned],
-        "cells": nodes.reshape(-1, len(NODES)),
-        "region": region,
-        "orientation": spaces.orientation,
-        "parts": parts,
-        "faces": faces,
-    }
-    gathered = comm.gather(mine)
+        fields = layer_fields(shell, state, name)
+        layers |= fields
+        faces[name] = _faces(shell, state, name, fields)
+    mine = _Part(
+        shell.reference[:owned],
+        state.r[:owned],
+        nodes.reshape(-1, len(NODES)),
+        region,
+        spaces.orientation,
+        layers,
+        faces,
+    )
+    gathered = shell.comm.gather(mine)
     return None if gathered is None else _joined(shell, gathered, t_n)
 
 
-def _faces(
-    shell: Shell, state: ShellState, region: str, fields: dict[str, LayerFields]
-) -> Array:
+class _Part(NamedTuple):
+    """What one rank knows of a snapshot; nodes by global number."""
+
+    reference: Array
+    position: Array
+    cells: NDArray[np.int64]
+    region: NDArray[np.int64]
+    orientation: Array
+    layers: dict[str, LayerFields]
+    faces: dict[str, Array]
+
+
+def _faces(shell: Shell, state: ShellState, region: str, fields: dict[str, LayerFields]) -> Array:
     """Return the places of the layer faces at the cells' nodes, (n_cells, 10, n_layers + 1, 3).
 
     A face of height xi lies at the integral of the layers' mean lambda_3 from 0 to xi.
@@ -187,7 +199,9 @@ def _faces(
     normal = np.cross(base[..., 0, :], base[..., 1, :])
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
     stretches = [fields[layer.name].thickness_stretch for layer in section.layers]
-    thicknesses = [layer.thickness * l for layer, l in zip(section.layers, stretches, strict=True)]
+    thicknesses = [
+        layer.thickness * stretch for layer, stretch in zip(section.layers, stretches, strict=True)
+    ]
     above_bottom = np.concatenate(
         [np.zeros((1, *thicknesses[0].shape)), np.cumsum(thicknesses, axis=0)]
     )
@@ -200,36 +214,41 @@ def _faces(
     return position[:, :, None, :] + heights[..., None] * normal[:, :, None, :]
 
 
-def _joined(shell: Shell, parts: list[dict], t_n: float) -> Snapshot:
+def _joined(shell: Shell, parts: list[_Part], t_n: float) -> Snapshot:
     """Put the ranks' parts together."""
-
-    def all_of(key: str) -> Array:
-        return np.concatenate([part[key] for part in parts])
-
-    region = all_of("region")
-    names = shell.surface_mesh.regions
+    region = np.concatenate([part.region for part in parts])
+    regions = shell.surface_mesh.regions
     stretch: dict[str, Array] = {}
     stress: dict[str, Array] = {}
     for name, section in shell.sections.items():
-        rows = np.flatnonzero(region == names[name])
+        rows = np.flatnonzero(region == regions[name])
         for layer in section.layers:
-            pieces = [part["parts"][name][layer.name] for part in parts]
-            full = np.full((len(region), len(NODES)), np.nan)
-            full[rows] = np.concatenate([piece.thickness_stretch for piece in pieces])
-            stretch[layer.name] = full
-            full = np.full((len(region), len(NODES), 3), np.nan)
-            full[rows] = np.concatenate([piece.stress for piece in pieces])
-            stress[layer.name] = full
+            pieces = [part.layers[layer.name] for part in parts]
+            stretch[layer.name] = _scattered([p.thickness_stretch for p in pieces], rows, region)
+            stress[layer.name] = _scattered([p.stress for p in pieces], rows, region)
     return Snapshot(
         t_n=t_n,
-        reference=all_of("reference"),
-        position=all_of("position"),
-        cells=all_of("cells"),
+        reference=np.concatenate([part.reference for part in parts]),
+        position=np.concatenate([part.position for part in parts]),
+        cells=np.concatenate([part.cells for part in parts]),
         region=region,
-        orientation=all_of("orientation"),
-        region_ids=dict(names),
-        layers={name: tuple(l.name for l in s.layers) for name, s in shell.sections.items()},
+        orientation=np.concatenate([part.orientation for part in parts]),
+        region_ids=dict(regions),
+        layers={
+            name: tuple(layer.name for layer in section.layers)
+            for name, section in shell.sections.items()
+        },
         thickness_stretch=stretch,
         stress=stress,
-        faces={name: np.concatenate([part["faces"][name] for part in parts]) for name in shell.sections},
+        faces={
+            name: np.concatenate([part.faces[name] for part in parts]) for name in shell.sections
+        },
     )
+
+
+def _scattered(pieces: list[Array], rows: NDArray[np.intp], region: NDArray[np.int64]) -> Array:
+    """Return a field on all cells from its pieces on some, NaN elsewhere."""
+    values = np.concatenate(pieces)
+    full: Array = np.full((len(region), *values.shape[1:]), np.nan)
+    full[rows] = values
+    return full

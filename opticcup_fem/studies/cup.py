@@ -118,5 +118,3 @@ def _summary(recorder: Recorder, out_dir: Path, failure: OpticCupError | None) -
         lines.append(str(failure))
     lines.append(f"{len(recorder.rows)} states up to t_n = {reached:.4f} in {out_dir}")
     return RunSummary(failure is None, "\n".join(lines), events, len(recorder.rows))
-
-

@@ -5,10 +5,10 @@ from __future__ import annotations
 from mpi4py import MPI
 
 from opticcup_fem.case import Case
+from opticcup_fem.equilibrium.jumps import make_relaxation
 from opticcup_fem.equilibrium.newton import MixedNewton
 from opticcup_fem.equilibrium.path import LoadStepping, StepControl
 from opticcup_fem.equilibrium.problem import Problem
-from opticcup_fem.equilibrium.jumps import make_relaxation
 from opticcup_fem.mesh import SurfaceMesh, cup_mesh
 from opticcup_fem.shell.growth import GrowthLaw, LinearGrowth
 from opticcup_fem.shell.model import Shell

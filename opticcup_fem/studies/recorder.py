@@ -140,9 +140,7 @@ class Recorder:
         t_n = float(row["t_n"])
         shown = detect_events([*self.rows, row], curvature=self._kappa)
         self.recorded += [one for one in shown if one["kind"] == "symmetry_breaking"]
-        contact = event(
-            "self_contact", "mid-surface", t_n, self._kappa(t_n), **crossing.describe()
-        )
+        contact = event("self_contact", "mid-surface", t_n, self._kappa(t_n), **crossing.describe())
         self.recorded.append(contact)
         for one in self.recorded:
             self.progress.event(one)

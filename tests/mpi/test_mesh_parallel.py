@@ -3,6 +3,8 @@
 import math
 from pathlib import Path
 
+from mpi4py import MPI
+
 import basix
 import basix.ufl
 import numpy as np
@@ -10,7 +12,6 @@ import numpy.typing as npt
 import pytest
 import ufl
 from dolfinx import fem
-from mpi4py import MPI
 
 from opticcup_fem.errors import MeshError
 from opticcup_fem.mesh import Sphere, SurfaceMesh, cup_mesh, read_msh, write_msh

@@ -11,13 +11,14 @@ from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
+from mpi4py import MPI
+
 import basix
 import basix.ufl
 import numpy as np
 import numpy.typing as npt
 import pytest
 from dolfinx import fem
-from mpi4py import MPI
 
 from opticcup_fem.errors import MeshError
 from opticcup_fem.mesh import (

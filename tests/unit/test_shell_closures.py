@@ -13,7 +13,8 @@ from scipy.optimize import brentq
 
 from opticcup_fem.errors import CaseError
 from opticcup_fem.shell import closures
-from opticcup_fem.shell.closures import GrowthState, LostFibre, resultants
+from opticcup_fem.shell.closures import resultants
+from opticcup_fem.shell.fibres import GrowthState, LostFibre
 from opticcup_fem.shell.section import Layer, Section
 from tests.support.shells import ENERGY_CLOSURES, OTHER_CLOSURES, cup_sections, wall
 

@@ -26,9 +26,13 @@ Array = npt.NDArray[np.float64]
 def small_shell(closure: str) -> Shell:
     """A hinged cap of a few dozen cells with every kind of block in its tangent."""
     mesh = open_cap_mesh(0.9, 0.45, comm=COMM)
-    loads = [Pressure(2e-3, edge_is_held=True), EdgeMoment("rim", 1e-3), EdgeForce("rim", (0.1, 0, 0))]
+    loads = [
+        Pressure(1e-3, edge_is_held=True),
+        EdgeMoment("rim", 1e-4),
+        EdgeForce("rim", (0.01, 0, 0)),
+    ]
     shell = Shell(mesh, {"cap": wall(0.1)}, {"wall": LinearGrowth(1.0)}, closure, loads=loads)
-    shell.set_time(0.1)
+    shell.set_time(0.01)
     return shell
 
 

@@ -59,11 +59,6 @@ def sum_of_forces(shell: Shell, state: ShellState) -> Array:
     return positions.sum(axis=0)
 
 
-def turned_normals(shell: Shell, state: ShellState) -> Array:
-    """The strip with its edge directors on x = 1 turned by `state.alpha`."""
-    return shell.curvature_of(state)
-
-
 @pytest.mark.parametrize("curve", CURVES)
 def test_positive_edge_moment_bends_towards_the_normal(curve):
     """On any side of a strip: M_nunu = m and b_nunu > 0, whichever way its edges run."""
@@ -80,8 +75,7 @@ def test_positive_edge_moment_bends_towards_the_normal(curve):
     np.testing.assert_allclose(moments[..., 1 - axis, 1 - axis], 0.0, atol=1e-6 * moment)
     bending = 2 * 0.02**3 / 12  # E h^3/12, E = 2 mu
     np.testing.assert_allclose(across[..., axis, axis], moment / bending, rtol=1e-4)
-    ends = np.abs(state.r[:, 2]).argmax()
-    assert state.r[ends, 2] > 0
+    assert state.r[:, 2].max() > 100 * abs(state.r[:, 2].min())  # up, along n
 
 
 def _frames(shell: Shell) -> Array:
@@ -104,7 +98,6 @@ def test_edge_moment_works_on_the_angle():
     moment = 0.3
     shell = cap_shell([EdgeMoment("rim", moment)])
     bare = cap_shell([])
-    problem = Problem(shell, free(shell))
     state = shell.reference_state()
     force = shell.gradient(state) - bare.gradient(state)
     outwards = np.zeros((shell.spaces.n_cells, 3, 3))
@@ -114,7 +107,7 @@ def test_edge_moment_works_on_the_angle():
     # nodes of the rim lie on the circle: its length is exact up to the cubic interpolation
     assert work == pytest.approx(-moment * 2 * np.pi * np.sin(ANGLE), rel=1e-4)
     assert np.abs(force[:, :n_r]).max() == 0.0
-    assert problem.symmetric
+    assert shell.has_energy
 
 
 def test_interior_curve_is_loaded_from_the_side_that_is_named():
@@ -175,14 +168,12 @@ def test_pressure_in_a_closed_shell_is_minus_p_V():
     bare, shell = sphere_shell(wall()), sphere_shell(wall(), loads=[Pressure(pressure)])
     state = disturbed(shell, 3e-4)
     potential = shell.energy(state) - bare.energy(state)
-    points = state.r[shell.spaces.nodes]
     assert potential == pytest.approx(-pressure * 4 / 3 * np.pi, rel=2e-3)
     shifted = replace(state, r=state.r + np.array([1.0, 2.0, 3.0]))
     assert shell.energy(shifted) - bare.energy(state) == pytest.approx(potential, rel=1e-11)
     np.testing.assert_allclose(sum_of_forces(shell, state), 0.0, atol=1e-13)
     assert shell.has_energy
     assert _skew(shell, state, free(shell)) < 1e-14
-    assert points.shape[1] == 10
 
 
 def _skew(shell: Shell, state: ShellState, held: Array) -> float:
@@ -290,7 +281,7 @@ def test_places_that_do_not_exist_are_refused():
 
 @pytest.mark.parametrize("value", [(1.0, 2.0), float("nan"), (0.0, 0.0, float("inf"))])
 def test_meaningless_values_are_refused(value):
-    with pytest.raises(CaseError, match="three|3 finite"):
+    with pytest.raises(CaseError, match="3 finite components"):
         cap_shell([EdgeForce("rim", value)])
     with pytest.raises(CaseError, match="finite number"):
         cap_shell([Pressure((1.0, 1.0))])

@@ -13,7 +13,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from opticcup_fem.equilibrium.problem import Problem
-from opticcup_fem.shell.closures import CLOSURES, LostFibre
+from opticcup_fem.shell.closures import CLOSURES
+from opticcup_fem.shell.fibres import LostFibre
 from opticcup_fem.shell.growth import LinearGrowth
 from opticcup_fem.shell.model import Shell, ShellState
 from opticcup_fem.shell.section import Layer, Section

@@ -1,0 +1,43 @@
+"""A run on any number of processes gives the path of one process."""
+
+from pathlib import Path
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+
+from opticcup_fem.records import read_path
+from opticcup_fem.studies import cup
+from tests.support.cups import coarse_case
+
+pytestmark = [pytest.mark.mpi, pytest.mark.slow]
+
+
+def largest_difference(folder: Path, **case: float) -> float:
+    """Return the largest difference between path.csv of all ranks and of one (0 but on rank 0)."""
+    comm = MPI.COMM_WORLD
+    folder = Path(comm.bcast(str(folder)))
+    together = cup.run(coarse_case(**case), folder / "together", quiet=True)
+    assert together.ok
+    if comm.rank:
+        return 0.0
+    alone = cup.run(coarse_case(**case), folder / "alone", quiet=True, comm=MPI.COMM_SELF)
+    assert alone.ok
+    tables = [read_path(folder / name) for name in ("together", "alone")]
+    assert len(tables[0]) == len(tables[1])
+    columns = [c for c in tables[0].columns if c not in ("newton_iterations", "residual")]
+    one, other = (table[columns].to_numpy(dtype=float) for table in tables)
+    difference = np.abs(one - other).max(axis=0)
+    print(dict(zip(columns, difference, strict=True)))
+    return float(difference.max())
+
+
+def test_smooth_path(tmp_path: Path) -> None:
+    """Through the smooth primary invagination of the chick cup."""
+    assert largest_difference(tmp_path) < 1e-6
+
+
+def test_path_with_a_jump(tmp_path: Path) -> None:
+    """Across the snap of a thinner cup (R/h = 10): the same jump, the same state after it."""
+    assert largest_difference(tmp_path, radius_over_thickness=10.0, t_end=0.05) < 1e-6

@@ -1,0 +1,176 @@
+"""Newton, relaxation and load stepping on a coarse cup.
+
+What matters: quadratic convergence; the inertia of a free shell shows six rigid modes and no more;
+both relaxations end in the state that Newton finds; the path lands where it is told to and does
+not depend on how it is cut into steps.
+"""
+
+import itertools
+import math
+from dataclasses import replace
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+
+from opticcup_fem.equilibrium.newton import Drag, MixedNewton
+from opticcup_fem.equilibrium.path import LoadStepping, PathPoint, StepControl, _History, _next_time
+from opticcup_fem.equilibrium.problem import Problem
+from opticcup_fem.equilibrium.relaxation import EnergyDescent, lumped_mass
+from opticcup_fem.equilibrium.viscous import ViscousRelaxation
+from opticcup_fem.shell.model import Shell, ShellState
+from opticcup_fem.shell.supports import free, rigid_modes_of_cup
+from opticcup_fem.studies.model import shell_of
+from tests.support.cups import coarse_case
+
+T = 0.03
+"""Grown, and before the first invagination."""
+
+
+@pytest.fixture(scope="module")
+def shell() -> Shell:
+    return shell_of(coarse_case(), MPI.COMM_SELF)
+
+
+@pytest.fixture(scope="module")
+def problem(shell: Shell) -> Problem:
+    return Problem(shell, rigid_modes_of_cup(shell))
+
+
+@pytest.fixture(scope="module")
+def newton(problem: Problem) -> MixedNewton:
+    return MixedNewton(problem)
+
+
+@pytest.fixture(scope="module")
+def equilibrium(shell: Shell, newton: MixedNewton) -> ShellState:
+    shell.set_time(T)
+    solution = newton.solve(shell.reference_state())
+    assert solution.converged
+    return solution.state
+
+
+def test_newton_converges_quadratically(shell: Shell, newton: MixedNewton) -> None:
+    """Near the solution each residual is about the square of the one before."""
+    norms: list[float] = []
+    newton.monitor = lambda iteration, norm: norms.append(norm)
+    shell.set_time(T)
+    solution = newton.solve(shell.reference_state())
+    newton.monitor = None
+    assert solution.converged and solution.residual < newton.tolerance
+    assert solution.iterations == len(norms) - 1 <= 7
+    tail = [n for n in norms if 1e-11 < n < 1e-1]
+    orders = [math.log(b) / math.log(a) for a, b in itertools.pairwise(tail)]
+    assert max(orders) > 1.6
+
+
+def test_newton_gives_up_with_a_reason(shell: Shell, newton: MixedNewton) -> None:
+    """Far too large a step is a failed solution, not an exception and not a wrong state."""
+    shell.set_time(0.9)
+    solution = newton.solve(shell.reference_state())
+    assert not solution.converged
+    assert solution.reason.startswith(("DIVERGED", "LOST"))
+
+
+def test_held_unknowns_have_no_reaction(
+    shell: Shell, newton: MixedNewton, equilibrium: ShellState
+) -> None:
+    """The six held components carry no force: without supports the residual is zero too."""
+    shell.set_time(T)
+    unheld = Problem(shell, free(shell))
+    unheld.assemble_vector(shell.gradient(equilibrium), unheld.vector)
+    assert np.abs(unheld.vector.array_r).max() < 1e-7
+
+
+def test_inertia_of_a_free_shell(shell: Shell, equilibrium: ShellState) -> None:
+    """Free, the tangent has six eigenvalues near zero; held, none, and none below zero."""
+    shell.set_time(T)
+    cells = shell.condensed(shell.with_local_equilibrium(equilibrium))
+    counts = []
+    for held in (free(shell), rigid_modes_of_cup(shell)):
+        problem = Problem(shell, held)
+        mass = lumped_mass(problem)
+        for shift in (1e-4, -1e-4):
+            problem.assemble_tangent(cells)
+            problem.add_diagonal(mass, shift)
+            problem.factorise()
+            inertia = problem.inertia()
+            assert inertia is not None
+            counts.append(inertia.negative)
+    assert counts == [0, 6, 0, 0]
+
+
+def test_relaxations_find_the_equilibrium(
+    shell: Shell, problem: Problem, newton: MixedNewton, equilibrium: ShellState
+) -> None:
+    """Energy descent and viscous flow from a disturbed state end where Newton ends."""
+    shell.set_time(T)
+    x, y, _ = shell.reference.T
+    held = problem.held[: 3 * len(shell.reference)].reshape(-1, 3)
+    push = np.where(held, 0.0, np.column_stack([0.02 * x * y, 0 * x, 0.03 * (x**2 - y**2)]))
+    disturbed = replace(equilibrium, r=equilibrium.r + push)
+    energy = shell.energy(shell.with_local_equilibrium(equilibrium))
+    for relaxation in (EnergyDescent(problem), ViscousRelaxation(problem, newton)):
+        relaxed = relaxation.relax(disturbed)
+        assert relaxed.converged, relaxed.reason
+        assert np.abs(relaxed.state.r - equilibrium.r).max() < 1e-6
+        assert relaxed.energy == pytest.approx(energy, rel=1e-10)
+
+
+def test_drag_shortens_the_way(
+    shell: Shell, problem: Problem, newton: MixedNewton, equilibrium: ShellState
+) -> None:
+    """The larger the viscous rate, the less a backward Euler step moves; it moves the same way."""
+    shell.set_time(T + 0.003)
+    mass = lumped_mass(problem)
+    ways = []
+    for rate in (1e4, 1e3, 0.0):
+        solution = newton.solve(equilibrium, Drag(mass, rate))
+        assert solution.converged
+        ways.append((solution.state.r - equilibrium.r).ravel())
+    lengths = [np.linalg.norm(way) for way in ways]
+    assert lengths[0] < 0.9 * lengths[1] < 0.9 * lengths[2]
+    assert ways[0] @ ways[2] > 0
+
+
+def follow(
+    shell: Shell, problem: Problem, newton: MixedNewton, **control: float
+) -> list[PathPoint]:
+    """Return the path of the coarse cup up to t_n = .05."""
+    stepping = LoadStepping(problem, newton, EnergyDescent(problem), StepControl(**control))
+    points = list(stepping.follow(shell.reference_state(), 0.05, (0.02, 0.05)))
+    assert stepping.failure() is None
+    return points
+
+
+def test_path_lands_and_does_not_depend_on_its_steps(
+    shell: Shell, problem: Problem, newton: MixedNewton
+) -> None:
+    """Landing times are met exactly, and states there agree between two step controls."""
+    quick = follow(shell, problem, newton)
+    slow = follow(shell, problem, newton, initial=0.004, growth=1.2)
+    assert len(slow) > len(quick)
+    for t in (0.02, 0.05):
+        (a,), (b,) = ([p for p in path if p.t_n == t] for path in (quick, slow))
+        assert np.abs(a.state.r - b.state.r).max() < 1e-7
+    assert all(p.negative_eigenvalues == 0 and not p.jump for p in quick)
+
+
+def test_next_time_leaves_no_sliver() -> None:
+    """A step that would stop just before a landing goes half way; one that passes it, lands."""
+    assert _next_time(0.0, 0.2, [0.1, 1.0]) == (0.1, 0.1)
+    assert _next_time(0.0, 0.09, [0.1, 1.0]) == (0.05, 0.05)
+    assert _next_time(0.1, 0.2, [0.1, 1.0]) == (pytest.approx(0.3), 0.2)
+
+
+def test_history_foresees_a_fold(problem: Problem, equilibrium: ShellState) -> None:
+    """Three states with t = 1 - (1 - s)^2, s the distance moved, show the fold at t = 1."""
+    history = _History(problem)
+    direction = np.zeros_like(equilibrium.r)
+    direction[:, 2] = 1.0
+    for s in (0.4, 0.6, 0.7):
+        history.add(1 - (1 - s) ** 2, replace(equilibrium, r=equilibrium.r + s * direction))
+    assert history.limited(1.0, 1e-6) == pytest.approx(0.8 * 0.09, rel=1e-6)
+    assert history.limited(0.01, 1e-6) == 0.01
+    assert history.limited(1.0, 0.5) == 0.5
