@@ -19,7 +19,7 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
-from opticcup_fem.equilibrium.problem import Problem
+from opticcup_fem.equilibrium.problem import Inertia, Problem
 from opticcup_fem.shell.condensation import CondensedCells
 from opticcup_fem.shell.fibres import LostFibre
 from opticcup_fem.shell.model import LostPlace, ShellState
@@ -138,6 +138,20 @@ class MixedNewton:
             self._norm,
             self._lost,
         )
+
+    def inertia(self) -> Inertia | None:
+        """Factorise the tangent at the last solution and return its inertia (collective).
+
+        SNES factorises at iterates, of which the solution is not one.
+
+        Returns:
+            None where the tangent is not symmetric.
+        """
+        if not self.problem.symmetric or self._cells is None:
+            return None
+        self.problem.assemble_tangent(self._cells)
+        self.problem.factorise()
+        return self.problem.inertia()
 
     # --- callbacks ----------------------------------------------------------------------------
 

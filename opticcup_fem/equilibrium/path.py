@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -131,76 +131,85 @@ class LoadStepping:
         """Yield the accepted states from t_n = 0 to ``t_end``, exactly at ``times`` too.
 
         Args:
-            state: Equilibrium at t_n = 0; it is the first point.
+            state: First guess of the equilibrium at t_n = 0, the first point.
             t_end: Last normalised time.
             times: Normalised times to land on.
         """
-        control, shell = self.control, self.problem.shell
-        shell.set_time(0.0)
-        yield PathPoint(0.0, state, False, 0, 0, 0.0, shell.energy(state))
+        control = self.control
         landings = sorted({*times, t_end})
-        t, dt, spent = 0.0, control.initial, 0
-        history = _History(self.problem)
-        history.add(t, state)
-        while t < t_end - TIME_EPSILON:
-            target, dt_used = _next_time(t, history.limited(dt, control.smallest), landings)
-            shell.set_time(target)
-            solution = self.newton.solve(history.predict(target))
+        point, solution = self._attempt(0.0, state, state)
+        if point is None:
+            self.end = PathEnd(0.0, solution)
+            return
+        yield point
+        dt, spent = control.initial, 0
+        history = _History(self.problem, point)
+        while point.t_n < t_end - TIME_EPSILON:
+            step = history.limited(dt, control.smallest)
+            target, step = _next_time(point.t_n, step, landings)
+            found, solution = self._attempt(target, history.predict(target), point.state)
             spent += solution.iterations
-            if self._is_good(solution, state):
-                state = shell.with_updated_directors(solution.state)
-                t = target
-                history.add(t, state)
-                self.accepted += 1
-                yield self._point(t, state, solution, spent)
+            if found is not None:
+                history.add(found)
                 quick = solution.iterations <= control.quick
-                dt = min(max(dt, dt_used) * (control.growth if quick else 1.0), control.largest)
-                spent = 0
+                dt = min(max(dt, step) * (control.growth if quick else 1.0), control.largest)
+            elif step > control.smallest * (1 + 1e-6):
+                history.block(target)
+                dt = control.cut * step
                 continue
-            dt = control.cut * dt_used
-            history.block(target)
-            if dt_used > control.smallest * (1 + 1e-6):
-                continue
-            target = min(t + control.smallest, t_end)
-            shell.set_time(target)
-            relaxed = self.relaxation.relax(state)
-            if not relaxed.converged:
-                self.end = PathEnd(target, solution if relaxed.lost is None else relaxed)
-                return
-            jump = self._moved(relaxed.state, state) > control.jump_move
-            t, state, dt = target, relaxed.state, control.initial
+            else:
+                found = self._relaxed(point, min(point.t_n + control.smallest, t_end), solution)
+                if found is None:
+                    return
+                spent += found.iterations
+                history = _History(self.problem, found)
+                dt = control.initial
+            point = replace(found, iterations=spent)
             self.accepted += 1
-            history = _History(self.problem)
-            history.add(t, state)
-            yield PathPoint(
-                t,
-                state,
-                jump,
-                relaxed.negative_eigenvalues,
-                spent + relaxed.factorisations,
-                relaxed.residual,
-                relaxed.energy,
-            )
             spent = 0
+            yield point
+
+    def _attempt(
+        self, t_n: float, guess: ShellState, before: ShellState
+    ) -> tuple[PathPoint | None, Solution]:
+        """Solve at ``t_n``; return the point if it is converged, near and stable (collective)."""
+        shell = self.problem.shell
+        shell.set_time(t_n)
+        solution = self.newton.solve(guess)
+        far = self._moved(solution.state, before) > self.control.max_move
+        if not solution.converged or far:
+            return None, solution
+        inertia = self.newton.inertia()
+        if inertia is not None and inertia.negative > 0:
+            return None, solution
+        state = shell.with_updated_directors(solution.state)
+        negative = None if inertia is None else inertia.negative
+        energy = shell.energy(state)
+        point = PathPoint(
+            t_n, state, False, negative, solution.iterations, solution.residual, energy
+        )
+        return point, solution
+
+    def _relaxed(self, point: PathPoint, t_n: float, attempt: Solution) -> PathPoint | None:
+        """Relax from a point onto a stable state at ``t_n``; None ends the path (collective)."""
+        self.problem.shell.set_time(t_n)
+        relaxed = self.relaxation.relax(point.state)
+        if not relaxed.converged:
+            self.end = PathEnd(t_n, attempt if relaxed.lost is None else relaxed)
+            return None
+        return PathPoint(
+            t_n,
+            relaxed.state,
+            self._moved(relaxed.state, point.state) > self.control.jump_move,
+            relaxed.negative_eigenvalues,
+            relaxed.factorisations,
+            relaxed.residual,
+            relaxed.energy,
+        )
 
     def _moved(self, after: ShellState, before: ShellState) -> float:
         """Return the largest move of a node between two states (collective)."""
         return self.problem.largest(np.linalg.norm(after.r - before.r, axis=1))
-
-    def _is_good(self, solution: Solution, before: ShellState) -> bool:
-        """Whether a solution may be accepted: converged, near, and stable."""
-        if not solution.converged:
-            return False
-        inertia = self.problem.inertia()
-        if inertia is not None and inertia.negative > 0:
-            return False
-        return self._moved(solution.state, before) <= self.control.max_move
-
-    def _point(self, t: float, state: ShellState, solution: Solution, spent: int) -> PathPoint:
-        inertia = self.problem.inertia()
-        negative = None if inertia is None else inertia.negative
-        energy = self.problem.shell.energy(state)
-        return PathPoint(t, state, False, negative, spent, solution.residual, energy)
 
 
 def _next_time(t: float, dt: float, landings: Sequence[float]) -> tuple[float, float]:
@@ -219,15 +228,15 @@ def _next_time(t: float, dt: float, landings: Sequence[float]) -> tuple[float, f
 class _History:
     """The last accepted states: predictor, and an estimate of how near a limit point is."""
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: Problem, first: PathPoint) -> None:
         self._problem = problem
-        self._points: list[tuple[float, ShellState]] = []
+        self._points = [(first.t_n, first.state)]
         self._blocked = math.inf
 
-    def add(self, t: float, state: ShellState) -> None:
-        """Append an accepted state; three are remembered."""
-        self._points = [*self._points[-2:], (t, state)]
-        if t >= self._blocked:
+    def add(self, point: PathPoint) -> None:
+        """Append an accepted point; three are remembered."""
+        self._points = [*self._points[-2:], (point.t_n, point.state)]
+        if point.t_n >= self._blocked:
             self._blocked = math.inf
 
     def block(self, t: float) -> None:

@@ -155,10 +155,14 @@ def plane_stress_stretch(area_ratio: Array, layer: Layer) -> Array:
 
 
 def area_ratio(inv: Invariants, s: Array | float, fibre: Fibre) -> Array:
-    """Return D = J_s^2, refusing fibres that are turned inside out."""
+    """Return D = J_s^2, refusing fibres whose metric g is not positive definite.
+
+    Turned inside out once, g has a negative determinant; twice, a negative trace.
+    """
     ratio: Array = (inv.A + s * inv.B + s * s * inv.C) / np.square(fibre.natural)
-    if not np.all(ratio > 0):
-        raise fibre.lost(np.where(np.isfinite(ratio), -ratio, np.inf), "metric")
+    smallest = np.minimum(ratio, (inv.P + s * inv.Q) / fibre.natural)
+    if not np.all(smallest > 0):
+        raise fibre.lost(np.where(np.isfinite(smallest), -smallest, np.inf), "metric")
     return ratio
 
 

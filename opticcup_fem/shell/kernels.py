@@ -11,6 +11,7 @@ import fcntl
 import hashlib
 import importlib.util
 import os
+import platform
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache
@@ -30,10 +31,28 @@ from opticcup_fem.shell.forms import Integral
 
 Array = NDArray[np.float64]
 
+
+def _processor_tag() -> str:
+    """Return a tag of this processor's features: code of -march=native may not run on another."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        features = next(line for line in lines if line.startswith(("flags", "Features")))
+    except (OSError, StopIteration):
+        features = platform.processor()
+    return hashlib.sha1(features.encode()).hexdigest()[:8]
+
+
 JIT_OPTIONS: dict[str, Any] = {
     # reordering sums lets the compiler vectorise the element loops: the second derivative of the
     # curvature runs three times faster than with -O1 (measured); NaN must stay NaN
-    "cffi_extra_compile_args": ["-O3", "-march=native", "-ffast-math", "-fno-finite-math-only"],
+    # the tag makes kernels of another kind of processor other kernels, where a cache is shared
+    "cffi_extra_compile_args": [
+        "-O3",
+        "-march=native",
+        "-ffast-math",
+        "-fno-finite-math-only",
+        f"-DPROCESSOR_{_processor_tag()}",
+    ],
     "timeout": 600,
 }
 

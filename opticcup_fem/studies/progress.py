@@ -61,7 +61,8 @@ class Progress:
 
     def event(self, event: Mapping[str, Any]) -> None:
         """Print an event above the bar."""
-        self._bar.console.print(sentence(event)) if not self._bar.disable else None
+        if not self._bar.disable:
+            self._bar.console.print(sentence(event))
 
 
 def sentence(event: Mapping[str, Any]) -> str:

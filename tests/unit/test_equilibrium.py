@@ -166,11 +166,24 @@ def test_next_time_leaves_no_sliver() -> None:
 
 def test_history_foresees_a_fold(problem: Problem, equilibrium: ShellState) -> None:
     """Three states with t = 1 - (1 - s)^2, s the distance moved, show the fold at t = 1."""
-    history = _History(problem)
     direction = np.zeros_like(equilibrium.r)
     direction[:, 2] = 1.0
-    for s in (0.4, 0.6, 0.7):
-        history.add(1 - (1 - s) ** 2, replace(equilibrium, r=equilibrium.r + s * direction))
+
+    def moved(s: float) -> PathPoint:
+        state = replace(equilibrium, r=equilibrium.r + s * direction)
+        return PathPoint(1 - (1 - s) ** 2, state, False, 0, 0, 0.0, 0.0)
+
+    history = _History(problem, moved(0.4))
+    history.add(moved(0.6))
+    history.add(moved(0.7))
     assert history.limited(1.0, 1e-6) == pytest.approx(0.8 * 0.09, rel=1e-6)
     assert history.limited(0.01, 1e-6) == 0.01
     assert history.limited(1.0, 0.5) == 0.5
+
+
+def test_first_point_is_an_equilibrium(shell: Shell, problem: Problem, newton: MixedNewton) -> None:
+    """The ungrown cup is solved for, too: interpolating the sphere leaves a small residual."""
+    first = follow(shell, problem, newton)[0]
+    assert first.t_n == 0 and first.residual < newton.tolerance
+    assert first.negative_eigenvalues == 0
+    assert np.abs(first.state.r - shell.reference).max() < 1e-3

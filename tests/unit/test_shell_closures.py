@@ -274,7 +274,6 @@ def test_fibre_turned_inside_out_is_reported(closure, sign):
         assert 1 - 2 * 12.0 * abs(lost.height) < 0
 
 
-@pytest.mark.xfail(strict=True, reason="det g > 0 also where g is negative definite")
 @pytest.mark.parametrize("closure", ENERGY_CLOSURES)
 def test_fibre_turned_inside_out_twice_is_reported(closure):
     forms, a_ref = bent(12.0, both=True)
