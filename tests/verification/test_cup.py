@@ -91,9 +91,7 @@ def test_slender_cup_leaves_axisymmetry_and_crosses_itself(tmp_path: Path) -> No
 def test_paper_closure(tmp_path: Path) -> None:
     """Closure `paper` with its own rule at R/h = 10: D/r within 0.5 %, t_1 within 1 %."""
     path = run(tmp_path, 10.0, material={"closure": "paper"})
-    check(
-        path, "D_over_r", {0.1: 0.4766, 0.2: 0.5106, 0.4: 0.6441, 0.5: 0.7045, 0.7: 0.7617}, 5e-3
-    )
+    check(path, "D_over_r", {0.1: 0.4766, 0.2: 0.5106, 0.4: 0.6441, 0.5: 0.7045, 0.7: 0.7617}, 5e-3)
     primary, secondary = read_events(tmp_path)
     assert (primary["type"], secondary["type"]) == ("fold", "smooth")
     assert primary["t_n"] == pytest.approx(0.04348, rel=0.01)
@@ -101,7 +99,7 @@ def test_paper_closure(tmp_path: Path) -> None:
 
 
 def test_convergence(tmp_path: Path) -> None:
-    """On three meshes the errors of D/r(.3) and of the secondary fold fall, at order 1.5 or more."""
+    """On three meshes the errors of D/r(.3) and of the secondary fold fall, order 1.5 at least."""
     errors: dict[str, list[float]] = {"D_over_r": [], "fold": []}
     scales = [1.5, 1.0, 0.67]
     for scale in scales:
