@@ -30,11 +30,6 @@ Reason = PETSc.SNES.ConvergedReason
 DIVERGED_RESIDUAL = 1e8
 """A residual above this (unit: mu_IOV R^2) has left every basin of attraction."""
 
-WANDERING = 10.0
-"""A residual this many times the smallest one since the second iteration means that the iteration
-wanders (beyond a limit point it does so for ever); solves that converge do not.  The first two
-iterations may raise it by orders of magnitude."""
-
 SMALLEST_FRACTION = 0.02
 """Newton steps are not cut below this fraction."""
 
@@ -75,15 +70,24 @@ class Solution:
 class MixedNewton:
     """Reusable Newton solver of a problem."""
 
-    def __init__(self, problem: Problem, tolerance: float = 1e-8, max_iterations: int = 15) -> None:
+    def __init__(
+        self,
+        problem: Problem,
+        tolerance: float = 1e-8,
+        max_iterations: int = 15,
+        wandering: float = 10.0,
+    ) -> None:
         """Set SNES up.
 
         Args:
             problem: Assembly and factorisation.
             tolerance: Absolute tolerance on the norm of all residuals, condensed and local.
             max_iterations: Iterations after which a solve is given up.
+            wandering: A residual this many times the smallest one since the second iteration
+                ends a solve: beyond a limit point the iteration wanders for ever.  The default
+                is measured on growing cups; large rotations under dead loads need ``inf``.
         """
-        self.problem = problem
+        self.problem, self.wandering = problem, wandering
         self.tolerance, self.max_iterations = tolerance, max_iterations
         self.monitor: Callable[[int, float], None] | None = None
         self._residual = problem.vector.duplicate()
@@ -231,7 +235,7 @@ class MixedNewton:
             return Reason.DIVERGED_FUNCTION_DOMAIN
         if self._norm < self.tolerance:
             return Reason.CONVERGED_FNORM_ABS
-        wandering = self._norm > WANDERING * self._smallest
+        wandering = self._norm > self.wandering * self._smallest
         if iteration >= 2:
             self._smallest = min(self._norm, self._smallest)
         if wandering or self._norm > DIVERGED_RESIDUAL:

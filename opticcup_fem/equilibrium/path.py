@@ -253,7 +253,7 @@ class _History:
                 (t - other) / (time - other) for j, other in enumerate(times) if j != i
             )
             guess = guess.plus(state.minus(last), weight)
-        return self._problem.shell.with_mean_directors(guess)
+        return self._problem.with_mean_directors(guess, last)
 
     def limited(self, dt: float, smallest: float) -> float:
         """Return ``dt``, or less near a failed step or where the path bends to a limit point.

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -142,7 +143,7 @@ class Problem:
             values: Array = local.array_r[self._local_slot]
         return values
 
-    def split(self, local: Array) -> tuple[Array, Array]:
+    def split(self, local: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
         """Return local values as positions (n_nodes, 3) and angles (n_edges, k)."""
         degree = self.shell.spaces.degree
         return local[: self._split].reshape(-1, 3), local[self._split :].reshape(-1, degree)
@@ -150,6 +151,21 @@ class Problem:
     def on_cells(self, local: Array) -> Array:
         """Return local values cell by cell, shape (n_cells, n_u)."""
         return local[self.cell_unknowns]
+
+    def with_mean_directors(self, guess: ShellState, last: ShellState) -> ShellState:
+        """Return an extrapolated state on its mean directors; held edges keep theirs (collective).
+
+        Args:
+            guess: Extrapolated state.
+            last: Last accepted state, whose held directors stay.
+        """
+        _, held = self.split(self.held)
+        turned = self.shell.with_mean_directors(guess)
+        return replace(
+            turned,
+            alpha=np.where(held, last.alpha, turned.alpha),
+            director=np.where(held[:, :, None], last.director, turned.director),
+        )
 
     def assemble_vector(self, cells: Array, out: PETSc.Vec) -> None:
         """Add up cell vectors into ``out``; held unknowns get zero (collective)."""

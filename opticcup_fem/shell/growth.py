@@ -39,13 +39,14 @@ class SurfacePoints:
     reference_points: Array
 
     def evaluate(self, expression: Any) -> Array:
-        """Return the values of a scalar UFL expression on the mesh, shape (n,)."""
+        """Return the values of a scalar UFL expression on the mesh, shape (n,) (collective)."""
+        # compiled by all ranks together, also by those without cells here
+        compiled = fem.Expression(
+            ufl.as_ufl(expression), self.reference_points, comm=self.mesh.comm
+        )
         if len(self.cells) == 0:
             return np.zeros(0)
-        values = fem.Expression(ufl.as_ufl(expression), self.reference_points).eval(
-            self.mesh, self.cells
-        )
-        return np.asarray(values, dtype=np.float64).reshape(-1)
+        return np.asarray(compiled.eval(self.mesh, self.cells), dtype=np.float64).reshape(-1)
 
 
 GrowthLaw = Callable[[float, SurfacePoints], GrowthState]
@@ -87,7 +88,8 @@ class FieldGrowth:
 
     Attributes:
         rate: Scalar UFL expression or dolfinx Function on the mesh, or a function of the
-            reference positions (n, 3) that returns (n,).
+            reference positions (n, 3) that returns (n,).  UFL's SpatialCoordinate is the flat
+            cell; the smooth surface is a Function from ``SurfaceMesh.reference_position``.
         mass_change: See ``density_ratio``.
     """
 

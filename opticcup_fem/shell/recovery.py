@@ -154,13 +154,13 @@ def capture(shell: Shell, state: ShellState, t_n: float) -> Snapshot | None:
     owned = index_map.size_local
     nodes = index_map.local_to_global(np.ascontiguousarray(spaces.nodes.ravel()))
     region = np.zeros(spaces.n_cells, dtype=np.int64)
-    layers: dict[str, LayerFields] = {}
+    layers: dict[tuple[str, str], LayerFields] = {}
     faces: dict[str, Array] = {}
     for name in shell.sections:
         cells = shell.region_cells(name)
         region[cells] = shell.surface_mesh.regions[name]
         fields = layer_fields(shell, state, name)
-        layers |= fields
+        layers |= {(name, layer): value for layer, value in fields.items()}
         faces[name] = _faces(shell, state, name, fields)
     mine = _Part(
         shell.reference[:owned],
@@ -183,7 +183,7 @@ class _Part(NamedTuple):
     cells: NDArray[np.int64]
     region: NDArray[np.int64]
     orientation: Array
-    layers: dict[str, LayerFields]
+    layers: dict[tuple[str, str], LayerFields]
     faces: dict[str, Array]
 
 
@@ -222,10 +222,12 @@ def _joined(shell: Shell, parts: list[_Part], t_n: float) -> Snapshot:
     stress: dict[str, Array] = {}
     for name, section in shell.sections.items():
         rows = np.flatnonzero(region == regions[name])
-        for layer in section.layers:
-            pieces = [part.layers[layer.name] for part in parts]
-            stretch[layer.name] = _scattered([p.thickness_stretch for p in pieces], rows, region)
-            stress[layer.name] = _scattered([p.stress for p in pieces], rows, region)
+        for layer in (layer.name for layer in section.layers):
+            pieces = [part.layers[name, layer] for part in parts]
+            stretch.setdefault(layer, np.full((len(region), len(NODES)), np.nan))
+            stress.setdefault(layer, np.full((len(region), len(NODES), 3), np.nan))
+            stretch[layer][rows] = np.concatenate([piece.thickness_stretch for piece in pieces])
+            stress[layer][rows] = np.concatenate([piece.stress for piece in pieces])
     return Snapshot(
         t_n=t_n,
         reference=np.concatenate([part.reference for part in parts]),
@@ -244,11 +246,3 @@ def _joined(shell: Shell, parts: list[_Part], t_n: float) -> Snapshot:
             name: np.concatenate([part.faces[name] for part in parts]) for name in shell.sections
         },
     )
-
-
-def _scattered(pieces: list[Array], rows: NDArray[np.intp], region: NDArray[np.int64]) -> Array:
-    """Return a field on all cells from its pieces on some, NaN elsewhere."""
-    values = np.concatenate(pieces)
-    full: Array = np.full((len(region), *values.shape[1:]), np.nan)
-    full[rows] = values
-    return full
