@@ -76,8 +76,10 @@ class CondensedCells:
         hessian = slope_t @ (self.k_kk @ slope)
         hessian[:, :n_r] += self.k_rk @ slope
         hessian[:, :, :n_r] += slope_t @ self.k_kr
-        hessian[:, :n_r, :n_r] += kernels["Krr"](data) + kernels["G"](data)
-        hessian[:, :n_r, :n_r] += kernels["G_edge"](data).sum(axis=1)
+        in_r = kernels["Krr"](data)
+        kernels["G"](data, into=in_r)
+        kernels["G_edge"](data, into=in_r)
+        hessian[:, :n_r, :n_r] += in_r
         mixed = kernels["Ga_edge"](data).reshape(len(self.det_j), -1, n_r)
         hessian[:, n_r:, :n_r] += mixed
         hessian[:, :n_r, n_r:] += mixed.transpose(0, 2, 1)
@@ -108,13 +110,12 @@ class CondensedCells:
 
 def curvature_functional(kernels: Mapping[str, Kernel], data: CellData) -> Array:
     """Return L, shape (n_cells, n_k): kappa = L/d is the curvature of (r, alpha)."""
-    total: Array = kernels["L"](data) + kernels["L_edge"](data).sum(axis=1)
-    return total
+    return kernels["L_edge"](data, into=kernels["L"](data))
 
 
 def curvature_slope(kernels: Mapping[str, Kernel], data: CellData) -> Array:
     """Return B = dL/d(r, alpha), shape (n_cells, n_k, n_u)."""
-    in_r = kernels["B"](data) + kernels["B_edge"](data).sum(axis=1)
+    in_r = kernels["B_edge"](data, into=kernels["B"](data))
     in_alpha = kernels["Ba_edge"](data)
     return np.concatenate([in_r, *(in_alpha[:, edge] for edge in range(3))], axis=-1)
 

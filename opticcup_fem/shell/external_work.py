@@ -114,7 +114,7 @@ class ExternalWork:
     def gradient(self, data: CellData) -> Array:
         """Return the derivative of the work in the cells' (r, alpha), shape (n_cells, n_u)."""
         data = {**data, **self._values}
-        in_r = self._kernels["Qr"](data) + self._kernels["Qr_edge"](data).sum(axis=1)
+        in_r = self._kernels["Qr_edge"](data, into=self._kernels["Qr"](data))
         in_alpha = self._kernels["Qa_edge"](data)
         return np.concatenate([in_r, in_alpha.reshape(len(in_r), -1)], axis=1)
 

@@ -57,21 +57,21 @@ JIT_OPTIONS: dict[str, Any] = {
 }
 
 LOOP_DECLARATION = """
-void loop_over_entities(uintptr_t kernel, long n, double* A, long n_A, const double* w, long n_w,
-                        const double* x, long per_cell);
+void loop_over_entities(uintptr_t kernel, long n, double* A, long n_A, long per_tensor,
+                        const double* w, long n_w, const double* x, long per_cell);
 """
 LOOP_SOURCE = """
 #include <stdint.h>
 typedef void kernel_t(double*, const double*, const double*, const double*, const int*,
                       const uint8_t* EXTRA_TYPE);
-void loop_over_entities(uintptr_t kernel, long n, double* A, long n_A, const double* w, long n_w,
-                        const double* x, long per_cell)
+void loop_over_entities(uintptr_t kernel, long n, double* A, long n_A, long per_tensor,
+                        const double* w, long n_w, const double* x, long per_cell)
 {
   const uint8_t permutation[2] = {0, 0};
   const double constants[1] = {0};
   for (long i = 0; i < n; ++i) {
     const int entity[2] = {(int)(i % per_cell), 0};
-    ((kernel_t*)kernel)(A + n_A*i, w + n_w*i, constants, x + 9*(i/per_cell), entity,
+    ((kernel_t*)kernel)(A + n_A*(i/per_tensor), w + n_w*i, constants, x + 9*(i/per_cell), entity,
                         permutation EXTRA_VALUE);
   }
 }
@@ -177,37 +177,41 @@ class Kernel:
         ]
         self._coordinates = np.ascontiguousarray(coordinates)
 
-    def __call__(self, data: Mapping[ufl.Coefficient, Array]) -> Array:
+    def __call__(self, data: Mapping[ufl.Coefficient, Array], into: Array | None = None) -> Array:
         """Tabulate the element tensors.
 
         Args:
             data: Values of each coefficient, of shape (n_cells, ...) for fields in cells and
                 (n_cells, 3, ...) for fields on edges.
+            into: Contiguous array of shape (n_cells, *shape) to add to; the edges of a cell are
+                then summed.
 
         Returns:
-            Shape (n_cells, *shape) for cells, (n_cells, 3, *shape) for edges.
+            ``into``, or a new array: (n_cells, *shape) for cells, (n_cells, 3, *shape) for edges.
         """
         n_cells = len(self._coordinates)
         n = n_cells * self.per_cell
+        per_tensor = 1 if into is None else self.per_cell
+        if into is None:
+            into = np.zeros(((n_cells, 3) if self.per_cell == 3 else (n_cells,)) + self.shape)
+        if n == 0:
+            return into
         packed = np.concatenate(
             [self._pack(c, data[c], n_cells) for c in self.coefficients], axis=1
         )
-        lead = (n_cells, 3) if self.per_cell == 3 else (n_cells,)
-        tensors = np.zeros(lead + self.shape)
-        if n == 0:
-            return tensors
         pointer = self._loop_ffi.from_buffer
         self._loop.loop_over_entities(
             self._address,
             n,
-            pointer("double*", tensors),
+            pointer("double*", into),
             int(np.prod(self.shape)),
+            per_tensor,
             pointer("double*", packed),
             packed.shape[1],
             pointer("double*", self._coordinates),
             self.per_cell,
         )
-        return tensors
+        return into
 
     def _pack(self, coefficient: ufl.Coefficient, values: Array, n_cells: int) -> Array:
         """Return the values as rows, one per cell or cell edge."""

@@ -100,42 +100,57 @@ def _meridian(shell: Shell, cells: NDArray[np.int32]) -> Array:
     azimuth = np.cross(np.array([0.0, 0.0, 1.0]), outwards)
     direction = np.cross(azimuth, np.cross(base[..., 0, :], base[..., 1, :]))
     covariant = np.einsum("cqai,cqi->cqa", base, direction).reshape(-1, 2)
-    a_ref = _matrices(shell.a_ref[cells].reshape(-1, 3))
-    return np.linalg.solve(a_ref, covariant[..., None])[..., 0]
-
-
-def _matrices(components: Array) -> Array:
-    """Return (n, 2, 2) matrices from (11, 22, 12) components of shape (n, 3)."""
-    return np.stack([components[:, [0, 2]], components[:, [2, 1]]], axis=1)
+    return _lowered(_inverse(shell.a_ref[cells].reshape(-1, 3)), covariant)
 
 
 def _cauchy(
     fibre: fibres.Fibre, D: Array, stretch: Array, metric: Array, a_ref: Array, meridian: Array
 ) -> Array:
-    """Return the physical Cauchy components (11, 22, 12) of a fibre, shape (n, 3)."""
+    """Return the physical Cauchy components (11, 22, 12) of a fibre, shape (n, 3).
+
+    Metrics are (11, 22, 12) components of shape (n, 3), the meridian's direction t^a is (n, 2).
+    """
     lmbda, mu = fibre.layer.lame, fibre.layer.shear_modulus
     psi_D = lmbda / 4 * (stretch**2 - 1 / D) - mu / (2 * D)
-    g, reference = _matrices(metric), _matrices(a_ref)
-    g_nat_con = np.linalg.inv(reference) / np.reshape(fibre.natural, (-1, 1, 1))
-    second = 2 * ((psi_D * D)[:, None, None] * np.linalg.inv(g) + mu / 2 * g_nat_con)
-    second *= np.reshape(fibre.density_ratio, (-1, 1, 1))
-    jacobian = np.sqrt(np.linalg.det(g) / np.linalg.det(reference)) * stretch
-    along = np.einsum("nab,nb->na", g, _unit_in(g, meridian))
-    # normal to the meridian in the metric g
-    across = np.stack([-along[:, 1], along[:, 0]], axis=1)
-    across = np.einsum("nab,nb->na", g, _unit_in(g, across))
+    natural = np.reshape(fibre.natural, (-1, 1))
+    second = 2 * (psi_D * D)[:, None] * _inverse(metric) + mu * _inverse(a_ref) / natural
+    second *= np.reshape(fibre.density_ratio, (-1, 1))
+    jacobian = np.sqrt(_determinant(metric) / _determinant(a_ref)) * stretch
+    first = _lowered(metric, meridian)
+    length = np.sqrt(np.sum(meridian * first, axis=1, keepdims=True))
+    along = first / length
+    # normal to the meridian in the metric g, counter-clockwise
+    across = np.column_stack([-meridian[:, 1], meridian[:, 0]]) / length
+    across *= np.sqrt(_determinant(metric))[:, None]
     parts = [
-        np.einsum("na,nab,nb->n", p, second, q)
+        second[:, 0] * p[:, 0] * q[:, 0]
+        + second[:, 1] * p[:, 1] * q[:, 1]
+        + second[:, 2] * (p[:, 0] * q[:, 1] + p[:, 1] * q[:, 0])
         for p, q in ((along, along), (across, across), (along, across))
     ]
     return np.stack(parts, axis=1) / jacobian[:, None]
 
 
-def _unit_in(g: Array, vectors: Array) -> Array:
-    """Return contravariant vectors (n, 2) scaled to length one in the metric g (n, 2, 2)."""
-    length = np.sqrt(np.einsum("na,nab,nb->n", vectors, g, vectors))
-    scaled: Array = vectors / length[:, None]
-    return scaled
+def _determinant(metric: Array) -> Array:
+    """Return the determinants of (11, 22, 12) components (n, 3), shape (n,)."""
+    return metric[:, 0] * metric[:, 1] - metric[:, 2] ** 2
+
+
+def _inverse(metric: Array) -> Array:
+    """Return the inverses of (11, 22, 12) components (n, 3), in the same form."""
+    adjoint = metric[:, [1, 0, 2]] * np.array([1.0, 1.0, -1.0])
+    inverse: Array = adjoint / _determinant(metric)[:, None]
+    return inverse
+
+
+def _lowered(metric: Array, vectors: Array) -> Array:
+    """Return the covariant components (n, 2) of contravariant vectors (n, 2)."""
+    return np.column_stack(
+        [
+            metric[:, 0] * vectors[:, 0] + metric[:, 2] * vectors[:, 1],
+            metric[:, 2] * vectors[:, 0] + metric[:, 1] * vectors[:, 1],
+        ]
+    )
 
 
 def capture(shell: Shell, state: ShellState, t_n: float) -> Snapshot | None:
