@@ -74,7 +74,7 @@ def _data(shell):
     state = shell.reference_state()
     state = replace(state, r=state.r + 0.002 * np.sin(3 * state.r[:, [1, 2, 0]]))
     state = shell.with_local_equilibrium(state)
-    return shell._kinematic_data(state) | shell._material_data(state, tangent=True)
+    return shell._kinematic_data(state) | shell._material_data(shell.resultants(state))
 
 
 def _time(kernel, data) -> float:

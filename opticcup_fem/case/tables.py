@@ -115,12 +115,12 @@ class Mesh(_Table):
     the OOV bends, 0.3 sqrt(5 h/R), never above 0.3 (docs/decisions/0009-mesh-sizes.md).
     """
 
-    cell_size_cap: Positive = Field(default=0.28, description="cell size at the apex, in R")
+    cell_size_cap: Positive = Field(default=0.33, description="cell size at the apex, in R")
     cell_size_oov: Positive = Field(
         default=0.30, description="cell size away from the cap, in R; default 0.3 sqrt(5 h/R)"
     )
     cell_size_interface: Positive = Field(
-        default=0.085, description="cell size at theta = alpha, in R"
+        default=0.09, description="cell size at theta = alpha, in R"
     )
     seed: int = Field(default=1, ge=0, description="seed of the mesh generator")
 

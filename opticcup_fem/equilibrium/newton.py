@@ -13,7 +13,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
-from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -21,7 +20,6 @@ from numpy.typing import NDArray
 
 from opticcup_fem.equilibrium.problem import Inertia, Problem
 from opticcup_fem.shell.condensation import CondensedCells
-from opticcup_fem.shell.fibres import LostFibre
 from opticcup_fem.shell.model import LostPlace, ShellState
 
 Array = NDArray[np.float64]
@@ -29,6 +27,9 @@ Reason = PETSc.SNES.ConvergedReason
 
 DIVERGED_RESIDUAL = 1e8
 """A residual above this (unit: mu_IOV R^2) has left every basin of attraction."""
+
+NEAR_SOLUTION = 1e-5
+"""The inertia at an iterate of a smaller residual (unit: mu_IOV R^2) is that of the solution."""
 
 SMALLEST_FRACTION = 0.02
 """Newton steps are not cut below this fraction."""
@@ -125,12 +126,12 @@ class MixedNewton:
         Returns:
             The outcome; a failure is a value, not an exception.
         """
-        self._state, self._fraction, self._drag = state, 1.0, drag
+        self._state, self._drag = state, drag
         self._cells: CondensedCells | None = None
-        self._lost: LostPlace | None = None
-        self._norm, self._smallest = np.inf, np.inf
+        self._resultants, self._lost = self.problem.shell.evaluate(state)
+        self._norm = self._smallest = self._factorised_norm = np.inf
         self._x.array[:] = self.problem.global_values(state)
-        self._base = self._start = self._x.array.copy()
+        self._start = self._x.array.copy()
         self._snes.solve(None, self._x)
         reason = self._snes.getConvergedReason()
         name = _reason_name(reason) if self._lost is None else "LOST_FIBRE"
@@ -144,50 +145,68 @@ class MixedNewton:
         )
 
     def inertia(self) -> Inertia | None:
-        """Factorise the tangent at the last solution and return its inertia (collective).
+        """Return the inertia of the tangent at the last solution (collective).
 
-        SNES factorises at iterates, of which the solution is not one.
+        SNES factorises at iterates, of which the solution is not one.  The last of them serves
+        where its residual was small already; else the tangent is factorised at the solution.
 
         Returns:
             None where the tangent is not symmetric.
         """
         if not self.problem.symmetric or self._cells is None:
             return None
-        self.problem.assemble_tangent(self._cells)
-        self.problem.factorise()
+        if self._factorised_norm > NEAR_SOLUTION:
+            self.problem.assemble_tangent(self._cells)
+            self.problem.factorise()
         return self.problem.inertia()
 
     # --- callbacks ----------------------------------------------------------------------------
 
     def _function(self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
-        """Move the state to ``x`` and return its condensed residual."""
+        """Return the condensed residual at ``x``, where ``_shorten`` has moved the state."""
         problem = self.problem
-        if self._cells is not None:
-            self._move(x.array_r - self._base)
-        try:
-            self._cells = problem.shell.condensed(self._state)
-            mine = True
-        except LostFibre:
-            mine = False
-        if not problem.comm.allreduce(mine, MPI.LAND):
-            self._lost, self._norm = problem.shell.lost_fibre(self._state), np.inf
+        if self._resultants is None:
+            self._norm = np.inf
             f.set(np.inf)
             return
-        assert self._cells is not None
+        self._cells = problem.shell.condensed(self._state, self._resultants)
         problem.assemble_vector(self._cells.gradient, f)
         if self._drag is not None:
-            f.array[:] += self._drag.rate * self._drag.mass.array_r * (self._base - self._start)
+            f.array[:] += self._drag.rate * self._drag.mass.array_r * (x.array_r - self._start)
         local = self._cells.local_residual(self._state.sigma)
         local_square = sum(float(np.sum(part * part)) for part in local)
         total = problem.comm.allreduce(local_square + float(np.sum(f.array_r**2)))
         self._norm = float(np.sqrt(total))
 
-    def _move(self, owned_step: Array) -> None:
-        """Move (r, alpha) by a step and (kappa, sigma) by what belongs to it."""
-        self._state = self._stepped(owned_step, self._fraction)
-        self._base = self._base + owned_step
+    def _jacobian(
+        self, snes: PETSc.SNES, x: PETSc.Vec, matrix: PETSc.Mat, preconditioner: PETSc.Mat
+    ) -> None:
+        assert self._cells is not None
+        self.problem.assemble_tangent(self._cells)
+        if self._drag is not None:
+            self.problem.add_diagonal(self._drag.mass, self._drag.rate)
+        self._factorised_norm = self._norm if self._drag is None else np.inf
+
+    def _shorten(self, x: PETSc.Vec, y: PETSc.Vec) -> bool:
+        """Halve the step y (the iterate becomes x - y) until every layer stays admissible.
+
+        Moves the state to the iterate.
+        """
+        full = -y.array_r.copy()
+        fraction = 1.0
+        while True:
+            trial = self._stepped(fraction * full, fraction)
+            self._resultants, self._lost = self.problem.shell.evaluate(trial)
+            if self._lost is None or fraction < SMALLEST_FRACTION:
+                break
+            fraction /= 2
+        self._state = trial
+        if fraction < 1.0:
+            y.scale(fraction)
+        return fraction < 1.0
 
     def _stepped(self, owned_step: Array, fraction: float) -> ShellState:
+        """Return the state after a step of (r, alpha) and of what (kappa, sigma) do with it."""
         problem, state, cells = self.problem, self._state, self._cells
         assert cells is not None
         local = problem.to_local(owned_step)
@@ -200,31 +219,6 @@ class MixedNewton:
             kappa=state.kappa + dkappa,
             sigma=state.sigma + dsigma,
         )
-
-    def _jacobian(
-        self, snes: PETSc.SNES, x: PETSc.Vec, matrix: PETSc.Mat, preconditioner: PETSc.Mat
-    ) -> None:
-        assert self._cells is not None
-        self.problem.assemble_tangent(self._cells)
-        if self._drag is not None:
-            self.problem.add_diagonal(self._drag.mass, self._drag.rate)
-
-    def _shorten(self, x: PETSc.Vec, y: PETSc.Vec) -> bool:
-        """Halve the step y (the iterate becomes x - y) until every layer stays admissible."""
-        self._fraction = 1.0
-        full = -y.array_r.copy()
-        while True:
-            trial = self._stepped(self._fraction * full, self._fraction)
-            lost = self.problem.shell.lost_fibre(trial)
-            if lost is None:
-                break
-            if self._fraction < SMALLEST_FRACTION:
-                self._lost = lost
-                break
-            self._fraction /= 2
-        if self._fraction < 1.0:
-            y.scale(self._fraction)
-        return self._fraction < 1.0
 
     def _converged(
         self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]

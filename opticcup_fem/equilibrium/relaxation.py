@@ -80,7 +80,7 @@ def starting_state(shell: Shell, state: ShellState) -> tuple[ShellState, LostPla
     """
     state = shell.with_updated_directors(state)
     state = replace(state, kappa=shell.curvature_of(state))
-    lost = shell.lost_fibre(state)
+    _, lost = shell.evaluate(state, tangent=False)
     return (state, lost) if lost is not None else (shell.with_local_equilibrium(state), None)
 
 
@@ -186,7 +186,7 @@ class EnergyDescent:
         """Return the trial in local equilibrium with its energy, None if it is inadmissible."""
         shell = self.problem.shell
         trial = replace(trial, kappa=shell.curvature_of(trial))
-        if shell.lost_fibre(trial) is not None:
+        if shell.evaluate(trial, tangent=False)[1] is not None:
             return None
         trial = shell.with_local_equilibrium(trial)
         return trial, shell.energy(trial)

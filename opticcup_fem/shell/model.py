@@ -209,7 +209,9 @@ class Shell:
     def with_local_equilibrium(self, state: ShellState) -> ShellState:
         """Return the state whose kappa and sigma solve the local equations for its (r, alpha)."""
         state = replace(state, kappa=self.curvature_of(state))
-        data = self._kinematic_data(state) | self._material_data(state, tangent=False)
+        data = self._kinematic_data(state) | self._material_data(
+            self.resultants(state, tangent=False)
+        )
         sigma = self.kernels["Fk"](data) / self.spaces.det_j[:, None]
         return replace(state, sigma=sigma)
 
@@ -271,17 +273,24 @@ class Shell:
                 stiffness[cells] = part.tangent.reshape(-1, lead[1], 6, 6)
         return Resultants(energy, stress, stiffness)
 
-    def lost_fibre(self, state: ShellState) -> LostPlace | None:
-        """Return a lost fibre and its current place on the mid-surface, if any (collective)."""
+    def evaluate(
+        self, state: ShellState, tangent: bool = True
+    ) -> tuple[Resultants | None, LostPlace | None]:
+        """Return the resultants, or a lost fibre of some rank (collective).
+
+        Returns:
+            (resultants, None) on every rank, or (None, the fibre and its place) on every rank.
+        """
+        result: Resultants | None = None
         found: LostPlace | None = None
         try:
-            self.resultants(state, tangent=False)
+            result = self.resultants(state, tangent)
         except LostFibre as lost:
             cell, point = divmod(lost.index, len(self.forms.quadrature_points))
             basis = self.spaces.position_table(self.forms.quadrature_points)[point]
             found = (lost, basis @ state.r[self.spaces.nodes[cell]])
         everywhere = [item for item in self.comm.allgather(found) if item is not None]
-        return everywhere[0] if everywhere else None
+        return (None, everywhere[0]) if everywhere else (result, None)
 
     def energy(self, state: ShellState) -> float:
         """Return the energy of ``state`` (with its own kappa), collective.
@@ -295,16 +304,23 @@ class Shell:
 
     def gradient(self, state: ShellState) -> Array:
         """Return the cell gradients in (r, alpha) of a state in local equilibrium."""
-        data = self._kinematic_data(state) | self._material_data(state, tangent=False)
+        data = self._kinematic_data(state) | self._material_data(
+            self.resultants(state, tangent=False)
+        )
         return condensation.condensed_gradient(self.kernels, data, self.spaces.det_j, self.external)
 
-    def condensed(self, state: ShellState) -> CondensedCells:
+    def condensed(self, state: ShellState, resultants: Resultants | None = None) -> CondensedCells:
         """Return the condensed cell systems at ``state``.
+
+        Args:
+            state: The state.
+            resultants: Its resultants with tangent, where they are known already.
 
         Raises:
             LostFibre: On the rank that has the lost fibre.
         """
-        data = self._kinematic_data(state) | self._material_data(state, tangent=True)
+        resultants = resultants or self.resultants(state)
+        data = self._kinematic_data(state) | self._material_data(resultants)
         symmetric = closures.CLOSURES[self.closure].has_energy
         return condensation.condense(
             self.kernels, data, self.spaces.det_j, state.kappa, symmetric, self.external
@@ -321,8 +337,7 @@ class Shell:
             forms.sigma: state.sigma,
         }
 
-    def _material_data(self, state: ShellState, tangent: bool) -> dict[ufl.Coefficient, Array]:
-        result = self.resultants(state, tangent)
+    def _material_data(self, result: Resultants) -> dict[ufl.Coefficient, Array]:
         data = {self.forms.stress: result.stress * self.area_ref[..., None]}
         if result.tangent is not None:
             data[self.forms.tangent] = result.tangent * self.area_ref[..., None, None]

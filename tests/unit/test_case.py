@@ -41,7 +41,7 @@ WRONG = {
     "no time": ("run.t_end=0", ["run.t_end = 0", "above 0"]),
     "too coarse": ("mesh.cell_size_cap=0.6", ["= 0.6", "too coarse", "0.349"]),
     "too coarse below": ("mesh.cell_size_oov=0.7", ["= 0.7", "too coarse", "0.611"]),
-    "coarse interface": ("mesh.cell_size_interface=0.29", ["finest", "at most 0.28"]),
+    "coarse interface": ("mesh.cell_size_interface=0.32", ["finest", "at most 0.3"]),
     "endless mesh": ("mesh.cell_size_interface=1e-6", ["cell_size_interface", "cells"]),
     "half a seed": ("mesh.seed=2.5", ["= 2.5", "a whole number"]),
     "steps in disorder": ("solver.min_step=0.02", ["initial_step = 0.01"]),

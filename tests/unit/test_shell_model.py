@@ -347,11 +347,11 @@ def test_lost_fibre_is_reported_with_its_place():
     cell = int(shell.region_cells("oov")[17])
     kappa[cell, 0, 0] += 30.0
     bad = replace(state, kappa=kappa.reshape(state.kappa.shape))
-    assert shell.lost_fibre(state) is None
+    assert shell.evaluate(state)[1] is None
     with pytest.raises(LostFibre) as caught:
         shell.resultants(bad)
     assert caught.value.index // len(shell.forms.quadrature_points) == cell
-    found = shell.lost_fibre(bad)
+    _, found = shell.evaluate(bad)
     assert found is not None
     lost, place = found
     assert (lost.layer, lost.cause) == ("oov", "metric")

@@ -99,7 +99,10 @@ def test_paper_closure(tmp_path: Path) -> None:
 
 
 def test_convergence(tmp_path: Path) -> None:
-    """On three meshes the errors of D/r(.3) and of the secondary fold fall, order 1.5 at least."""
+    """On three meshes the error of D/r(.3) falls at order 2, and that of the fold below 0.2 %.
+
+    The fold's error changes its sign with the mesh, so that no order can be read off it.
+    """
     errors: dict[str, list[float]] = {"D_over_r": [], "fold": []}
     scales = [1.5, 1.0, 0.67]
     for scale in scales:
@@ -114,8 +117,7 @@ def test_convergence(tmp_path: Path) -> None:
         path = run(folder, 5.0, mesh=mesh, material=rule, run={"t_end": 0.5})
         errors["D_over_r"].append(abs(at(path, 0.3, "D_over_r") / 0.49919 - 1))
         errors["fold"].append(abs(read_events(folder)[1]["t_n"] / 0.4729 - 1))
-    print(errors)
-    for name, values in errors.items():
-        slope = np.polyfit(np.log(scales), np.log(values), 1)[0]
-        print(name, values, f"order {slope:.2f}")
-        assert values[-1] < 3e-3 and slope > 1.5
+    slope = np.polyfit(np.log(scales), np.log(errors["D_over_r"]), 1)[0]
+    print(errors, f"order of D/r {slope:.2f}")
+    assert slope > 1.9
+    assert max(errors["fold"]) < 0.02 and errors["fold"][-1] < 2e-3
