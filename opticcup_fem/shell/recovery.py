@@ -49,16 +49,11 @@ def layer_fields(shell: Shell, state: ShellState, region: str) -> dict[str, Laye
     a_ref = shell.a_ref[cells].reshape(-1, 3)
     meridian = _meridian(shell, cells)
     inv = fibres.invariants(forms, a_ref)
-    closure = closures.CLOSURES[shell.closure]
     stretches = {layer.name: np.zeros(len(forms)) for layer in section.layers}
     stresses = {layer.name: np.zeros((len(forms), 3)) for layer in section.layers}
     for fibre in fibres.fibres(section, growth, shell.surface_mesh.surface.curvature):
         share = fibre.gauss_weight / fibre.layer.thickness
-        metric_stretch = closure.metric_stretch(inv, fibre)
-        s = -2 * fibre.height * metric_stretch
-        D = fibres.area_ratio(inv, s, fibre)
-        in_plane = np.sqrt(fibres.plane_stress_stretch(D, fibre.layer))
-        stretch = in_plane if closure.has_energy else metric_stretch
+        s, D, stretch = closures.fibre_state(shell.closure, inv, fibre)
         metric = forms[:, :3] + s[:, None] * forms[:, 3:]
         stretches[fibre.layer.name] += share * stretch
         stresses[fibre.layer.name] += share * _cauchy(fibre, D, stretch, metric, a_ref, meridian)
@@ -214,17 +209,7 @@ def _faces(shell: Shell, state: ShellState, region: str, fields: dict[str, Layer
     normal = np.cross(base[..., 0, :], base[..., 1, :])
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
     stretches = [fields[layer.name].thickness_stretch for layer in section.layers]
-    thicknesses = [
-        layer.thickness * stretch for layer, stretch in zip(section.layers, stretches, strict=True)
-    ]
-    above_bottom = np.concatenate(
-        [np.zeros((1, *thicknesses[0].shape)), np.cumsum(thicknesses, axis=0)]
-    )
-    middle = sum(
-        np.clip(-low, 0.0, layer.thickness) * stretch
-        for layer, low, stretch in zip(section.layers, section.boundaries, stretches, strict=False)
-    )
-    heights = np.moveaxis(above_bottom - middle, 0, -1)
+    heights = section.face_heights(stretches)
     position = state.r[nodes]
     return position[:, :, None, :] + heights[..., None] * normal[:, :, None, :]
 
