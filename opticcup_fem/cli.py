@@ -111,6 +111,31 @@ def run(
 
 
 @app.command()
+def verify(
+    case_path: CasePath,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Folder; default results/verify- and the case's name."),
+    ] = None,
+    set_: Overrides = [],
+    quiet: Annotated[bool, typer.Option("--quiet", help="No progress, only the outcome.")] = False,
+) -> None:
+    """Run a case on the surface and on the meridian model; print and plot their differences."""
+    with _errors_as_one_line():
+        folder = Path("results") / f"verify-{case_path.stem}" if out is None else out
+        with _one_error_for_all_ranks():
+            case = _load(case_path, set_)
+            _prepare_folder(folder)
+        with _abort_all_ranks_on_a_bug():
+            from opticcup_fem.studies import verify as study
+
+            outcome = study.run(case, folder, quiet=quiet or not sys.stderr.isatty())
+        _say(outcome.message, err=not outcome.ok)
+        if not outcome.ok:
+            raise typer.Exit(FAILED_RUN)
+
+
+@app.command()
 def theory(case_path: CasePath, set_: Overrides = []) -> None:
     """Print what the scaling laws predict for a case.
 
