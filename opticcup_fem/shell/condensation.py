@@ -20,16 +20,28 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 import ufl
 from numpy.typing import NDArray
 
-from opticcup_fem.shell.external_work import ExternalWork
 from opticcup_fem.shell.kernels import Kernel
 
 Array = NDArray[np.float64]
 CellData = Mapping[ufl.Coefficient, Array]
+
+
+class Work(Protocol):
+    """External work as a function of the unknowns, cell by cell."""
+
+    def gradient(self, data: CellData) -> Array:
+        """Return its first derivative, shape (n_cells, n_u)."""
+        ...
+
+    def tangent(self, data: CellData) -> Array:
+        """Return its second derivative in r, shape (n_cells, n_r, n_r)."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -60,7 +72,7 @@ class CondensedCells:
     kernels: Mapping[str, Kernel]
     data: CellData
     symmetric: bool
-    external: ExternalWork | None
+    external: Work | None
 
     @cached_property
     def k_kr(self) -> Array:
@@ -83,6 +95,9 @@ class CondensedCells:
         mixed = kernels["Ga_edge"](data).reshape(len(self.det_j), -1, n_r)
         hessian[:, n_r:, :n_r] += mixed
         hessian[:, :n_r, n_r:] += mixed.transpose(0, 2, 1)
+        if "Gaa_edge" in kernels:
+            ends = np.arange(n_r, hessian.shape[1])
+            hessian[:, ends, ends] += kernels["Gaa_edge"](data).reshape(len(self.det_j), -1)
         if self.external is not None:
             hessian[:, :n_r, :n_r] -= self.external.tangent(data)
         return hessian
@@ -117,11 +132,11 @@ def curvature_slope(kernels: Mapping[str, Kernel], data: CellData) -> Array:
     """Return B = dL/d(r, alpha), shape (n_cells, n_k, n_u)."""
     in_r = kernels["B_edge"](data, into=kernels["B"](data))
     in_alpha = kernels["Ba_edge"](data)
-    return np.concatenate([in_r, *(in_alpha[:, edge] for edge in range(3))], axis=-1)
+    return np.concatenate([in_r, *np.moveaxis(in_alpha, 1, 0)], axis=-1)
 
 
 def condensed_gradient(
-    kernels: Mapping[str, Kernel], data: CellData, det_j: Array, external: ExternalWork | None
+    kernels: Mapping[str, Kernel], data: CellData, det_j: Array, external: Work | None
 ) -> Array:
     """Return the gradient (Fr, 0) + b^T Fk of the energy at kappa = L/d, shape (n_cells, n_u).
 
@@ -140,7 +155,7 @@ def condense(
     det_j: Array,
     kappa: Array,
     symmetric: bool,
-    external: ExternalWork | None = None,
+    external: Work | None = None,
 ) -> CondensedCells:
     """Tabulate and condense all cells.
 

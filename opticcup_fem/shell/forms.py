@@ -33,10 +33,13 @@ class Integral:
     Attributes:
         form: UFL form with a single integral.
         on_edges: Whether it lives on cell edges (one-sided) rather than in cells.
+        edge_coefficients: Coefficients with values of their own on every edge of a cell, apart
+            from those that live on a mesh of edges.
     """
 
     form: ufl.Form
     on_edges: bool
+    edge_coefficients: frozenset[ufl.Coefficient] = frozenset()
 
 
 class ShellForms:

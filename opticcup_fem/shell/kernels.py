@@ -58,20 +58,20 @@ JIT_OPTIONS: dict[str, Any] = {
 
 LOOP_DECLARATION = """
 void loop_over_entities(uintptr_t kernel, long n, double* A, long n_A, long per_tensor,
-                        const double* w, long n_w, const double* x, long per_cell);
+                        const double* w, long n_w, const double* x, long n_x, long per_cell);
 """
 LOOP_SOURCE = """
 #include <stdint.h>
 typedef void kernel_t(double*, const double*, const double*, const double*, const int*,
                       const uint8_t* EXTRA_TYPE);
 void loop_over_entities(uintptr_t kernel, long n, double* A, long n_A, long per_tensor,
-                        const double* w, long n_w, const double* x, long per_cell)
+                        const double* w, long n_w, const double* x, long n_x, long per_cell)
 {
   const uint8_t permutation[2] = {0, 0};
   const double constants[1] = {0};
   for (long i = 0; i < n; ++i) {
     const int entity[2] = {(int)(i % per_cell), 0};
-    ((kernel_t*)kernel)(A + n_A*(i/per_tensor), w + n_w*i, constants, x + 9*(i/per_cell), entity,
+    ((kernel_t*)kernel)(A + n_A*(i/per_tensor), w + n_w*i, constants, x + n_x*(i/per_cell), entity,
                         permutation EXTRA_VALUE);
   }
 }
@@ -143,7 +143,10 @@ def _entity_loop() -> tuple[Any, Any]:
 
 
 class Kernel:
-    """The compiled kernel of one integral, callable for all cells or cell edges of a rank."""
+    """The compiled kernel of one integral, callable for all cells or cell edges of a rank.
+
+    Cells are triangles with three edges, or intervals with two ends.
+    """
 
     def __init__(self, comm: MPI.Comm, integral: Integral, coordinates: Array) -> None:
         """Compile ``integral``.
@@ -151,7 +154,7 @@ class Kernel:
         Args:
             comm: Communicator of the mesh (collective: rank 0 compiles, the others load).
             integral: Form with one integral.
-            coordinates: Corners of the rank's cells, shape (n_cells, 3, 3).
+            coordinates: Corners of the rank's cells, shape (n_cells, n_corners, 3).
         """
         form = integral.form
 
@@ -168,7 +171,12 @@ class Kernel:
         offset = self._compiled.form_integral_offsets[which]
         tabulate = self._compiled.form_integrals[offset].tabulate_tensor_float64
         self._address = int(ffi.cast("uintptr_t", tabulate))
-        self.per_cell = 3 if integral.on_edges else 1
+        self._corners = coordinates.shape[1]
+        self.per_cell = self._corners if integral.on_edges else 1
+        edges = "interval" if self._corners == 3 else "vertex"
+        self._on_edges = {
+            c for c in form.coefficients() if c.ufl_element().cell.cellname() == edges
+        } | integral.edge_coefficients
         self.shape = tuple(_dimension(argument) for argument in form.arguments())
         all_coefficients = form.coefficients()
         self.coefficients = [
@@ -182,18 +190,20 @@ class Kernel:
 
         Args:
             data: Values of each coefficient, of shape (n_cells, ...) for fields in cells and
-                (n_cells, 3, ...) for fields on edges.
+                (n_cells, n_corners, ...) for fields on edges.
             into: Contiguous array of shape (n_cells, *shape) to add to; the edges of a cell are
                 then summed.
 
         Returns:
-            ``into``, or a new array: (n_cells, *shape) for cells, (n_cells, 3, *shape) for edges.
+            ``into``, or a new array: (n_cells, *shape) for cells, (n_cells, n_corners, *shape) for
+            edges.
         """
         n_cells = len(self._coordinates)
         n = n_cells * self.per_cell
         per_tensor = 1 if into is None else self.per_cell
         if into is None:
-            into = np.zeros(((n_cells, 3) if self.per_cell == 3 else (n_cells,)) + self.shape)
+            lead = (n_cells,) if self.per_cell == 1 else (n_cells, self.per_cell)
+            into = np.zeros(lead + self.shape)
         if n == 0:
             return into
         packed = np.concatenate(
@@ -209,17 +219,17 @@ class Kernel:
             pointer("double*", packed),
             packed.shape[1],
             pointer("double*", self._coordinates),
+            3 * self._corners,
             self.per_cell,
         )
         return into
 
     def _pack(self, coefficient: ufl.Coefficient, values: Array, n_cells: int) -> Array:
         """Return the values as rows, one per cell or cell edge."""
-        on_edge = coefficient.ufl_element().cell.cellname() == "interval"
-        if on_edge:
-            return values.reshape(3 * n_cells, -1)
+        if coefficient in self._on_edges:
+            return values.reshape(self._corners * n_cells, -1)
         rows = values.reshape(n_cells, -1)
-        return np.repeat(rows, 3, axis=0) if self.per_cell == 3 else rows
+        return np.repeat(rows, self.per_cell, axis=0) if self.per_cell > 1 else rows
 
 
 def _dimension(argument: ufl.Argument) -> int:

@@ -1,0 +1,425 @@
+r"""Pseudo-arclength continuation of F(x, t) = 0 through limit points in the load t.
+
+The arc length s is measured by ds^2 = <dx, dx> + dt^2 with the problem's own inner product.  A step
+goes to the predictor
+
+    x_0 = x + ds x' + ds^2/2 x''   (x'' from the last two tangents; likewise t)
+
+and solves F = 0 together with <x', x - x_0> + t' (t - t_0) = 0 by Newton's method.  All that is
+needed of a problem is the solution of its bordered linear system.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class Direction(NamedTuple):
+    """A change of unknowns and load.
+
+    Attributes:
+        x: Change of the unknowns, shape (n,).
+        t: Change of the load.
+    """
+
+    x: Array
+    t: float
+
+
+class Linearised(Protocol):
+    """F and its derivatives at one (x, t)."""
+
+    @property
+    def residual(self) -> float:
+        """Norm of F."""
+        ...
+
+    def bordered(self, row: Array, entry: float, value: float) -> tuple[Direction, Direction]:
+        """Return Newton step and tangent.
+
+        Both solve F_x dx + F_t dt = f, <row, dx> + entry dt = g: with f = -F and g = ``value``
+        the step, with f = 0 and g = 1 the tangent.
+        """
+        ...
+
+
+class ContinuationProblem(Protocol):
+    """Equations F(x, t) = 0."""
+
+    def linearise(self, x: Array, t: float) -> Linearised:
+        """Return F and its derivatives.
+
+        Raises:
+            Inadmissible: (x, t) is outside the domain of F.
+        """
+        ...
+
+    def inner(self, first: Array, second: Array) -> float:
+        """Return the inner product that measures arc length."""
+        ...
+
+
+FARTHEST = 1.0
+"""Newton steps longer than this, in arc length, have lost the path."""
+
+
+class Inadmissible(ArithmeticError):
+    """A point lies outside the domain of the equations; the cause is chained."""
+
+
+class DenseLinearised:
+    """F and dense derivatives, with the Euclidean inner product."""
+
+    def __init__(self, residual: Array, in_x: Array, in_t: Array) -> None:
+        """Keep F, shape (n,), F_x, shape (n, n), and F_t, shape (n,)."""
+        self._residual, self._in_x, self._in_t = residual, in_x, in_t
+
+    @property
+    def residual(self) -> float:
+        """See ``Linearised``."""
+        return float(np.linalg.norm(self._residual))
+
+    def bordered(self, row: Array, entry: float, value: float) -> tuple[Direction, Direction]:
+        """See ``Linearised``."""
+        return solve_bordered(self._in_x, self._in_t, row, entry, -self._residual, value)
+
+
+def solve_bordered(
+    matrix: Array, column: Array, row: Array, entry: float, right: Array, value: float
+) -> tuple[Direction, Direction]:
+    """Solve [[matrix, column], [row, entry]] y = (right, value) and = (0, 1).
+
+    The bordered matrix is regular at limit points, where ``matrix`` is not.
+    """
+    n = len(right)
+    whole = np.empty((n + 1, n + 1))
+    whole[:n, :n], whole[:n, n], whole[n, :n], whole[n, n] = matrix, column, row, entry
+    sides = np.zeros((n + 1, 2))
+    sides[:n, 0], sides[n] = right, (value, 1.0)
+    y: Array = np.asarray(np.linalg.solve(whole, sides), dtype=np.float64)
+    return Direction(y[:n, 0], float(y[n, 0])), Direction(y[:n, 1], float(y[n, 1]))
+
+
+@dataclass(frozen=True)
+class ArcControl:
+    """Steps along the path and Newton's method on them.
+
+    Attributes:
+        initial: First step in arc length.
+        largest: No step is longer.
+        smallest: No step is shorter; the path ends instead.
+        tolerance: Largest last Newton step, in arc length, of a solution; its error is about the
+            square of it.
+        iterations: Most Newton iterations of a step.
+        wanted: Iterations that leave the step as it is.
+        turn: Smallest cosine between neighbouring tangents.
+        fold_tolerance: Accuracy of the load at a limit point.
+    """
+
+    initial: float = 2e-3
+    largest: float = 0.04
+    smallest: float = 1e-6
+    tolerance: float = 1e-8
+    iterations: int = 8
+    wanted: int = 4
+    turn: float = 0.9
+    fold_tolerance: float = 1e-8
+
+    def __post_init__(self) -> None:
+        """Refuse steps out of order.
+
+        Raises:
+            ValueError: Not 0 < smallest <= initial <= largest.
+        """
+        if not 0 < self.smallest <= self.initial <= self.largest:
+            raise ValueError(
+                f"steps {self.smallest}, {self.initial}, {self.largest} (smallest, initial, "
+                "largest) must be positive and in this order"
+            )
+
+
+@dataclass(frozen=True)
+class PathState:
+    """A solution on the path.
+
+    Attributes:
+        t: Load.
+        x: Unknowns.
+        dx: Their derivative in arc length.
+        dt: Derivative of the load in arc length, zero at a limit point.
+        arc: Arc length from the start.
+        iterations: Newton iterations spent on it, failed steps included.
+        residual: Norm of F.
+        is_fold: Whether it is a localised limit point.
+    """
+
+    t: float
+    x: Array
+    dx: Array
+    dt: float
+    arc: float
+    iterations: int = 0
+    residual: float = 0.0
+    is_fold: bool = False
+
+
+@dataclass
+class Ending:
+    """Why a path ended before the load that was asked for.
+
+    Attributes:
+        t: Load of the last solution.
+        step: The step that failed.
+        cause: What was raised by the last attempt, None if it did not converge.
+    """
+
+    t: float
+    step: float
+    cause: Inadmissible | None
+
+
+@dataclass
+class _Attempt:
+    state: PathState | None
+    iterations: int
+    cause: Inadmissible | None = None
+
+
+@dataclass
+class Continuation:
+    """Follows a path of solutions.
+
+    Attributes:
+        problem: The equations.
+        control: Steps.
+        ending: Set when the path could not be followed to its end.
+        monitor: Called at every Newton iteration.
+    """
+
+    problem: ContinuationProblem
+    control: ArcControl = field(default_factory=ArcControl)
+    ending: Ending | None = None
+    monitor: Callable[[], None] | None = None
+
+    def solve_at(self, x: Array, t: float) -> PathState | None:
+        """Return the solution at a fixed load near ``x``, None if Newton's method fails."""
+        zero = np.zeros_like(x)
+        return self._newton(x, t, zero, 1.0, x, t, 0.0).state
+
+    def oriented(self, state: PathState, along: tuple[Array, float]) -> PathState:
+        """Return ``state`` with its unit tangent, on the same side as ``along`` = (dx, dt)."""
+        _, tangent = self.problem.linearise(state.x, state.t).bordered(*along, 0.0)
+        return self._with_tangent(state, tangent)
+
+    def _length(self, direction: Direction) -> float:
+        return math.sqrt(self.problem.inner(direction.x, direction.x) + direction.t**2)
+
+    def _with_tangent(self, state: PathState, tangent: Direction) -> PathState:
+        length = self._length(tangent)
+        return replace(state, dx=np.asarray(tangent.x / length), dt=tangent.t / length)
+
+    def follow(
+        self,
+        x: Array,
+        t: float,
+        t_end: float,
+        landings: Sequence[float] = (),
+        longest: float = 60.0,
+    ) -> Iterator[PathState]:
+        """Yield solutions from load ``t`` until the path passes ``t_end`` (or falls below ``t``).
+
+        Limit points are localised and yielded; so are solutions exactly at ``landings`` and
+        ``t_end``, on every passage.
+
+        Args:
+            x: Guess of the solution at ``t``.
+            t: First load.
+            t_end: Last load, above ``t``.
+            landings: Loads to land on.
+            longest: Arc length after which the path is given up as endless.
+        """
+        self.ending = None
+        start = self.solve_at(x, t)
+        if start is None:
+            self.ending = Ending(t, 0.0, None)
+            return
+        last = self.oriented(start, (np.zeros_like(x), 1.0))
+        before: PathState | None = None
+        yield last
+        step = self.control.initial
+        due = sorted({*landings, t_end})
+        while last.arc < longest:
+            ahead = self._advance(last, before, step)
+            if ahead is None:
+                return
+            state, used = ahead
+            for stop in self._between(last, before, state, due):
+                yield stop
+                if stop.t >= t_end - 1e-12 and not stop.is_fold:
+                    return
+            if state.t < t - 1e-9:
+                self.ending = Ending(state.t, used, None)
+                return
+            yield state
+            step = self._next_step(used, state.iterations)
+            before, last = last, state
+        self.ending = Ending(last.t, step, None)
+
+    def _advance(
+        self, last: PathState, before: PathState | None, step: float
+    ) -> tuple[PathState, float] | None:
+        """Return the next solution and the step to it; note the end of the path if none."""
+        spent = 0
+        while True:
+            attempt = self._step(last, before, step)
+            spent += attempt.iterations
+            if attempt.state is not None:
+                return replace(attempt.state, iterations=spent), step
+            step *= 0.4
+            if step < self.control.smallest:
+                self.ending = Ending(last.t, step, attempt.cause)
+                return None
+
+    def _next_step(self, used: float, iterations: int) -> float:
+        factor = 2.0 ** ((self.control.wanted - iterations) / 2)
+        return min(used * min(max(factor, 0.5), 1.6), self.control.largest)
+
+    def _step(self, last: PathState, before: PathState | None, step: float) -> _Attempt:
+        x, t = _predict(last, before, step)
+        row, entry = last.dx, last.dt
+        attempt = self._newton(x, t, row, entry, x, t, last.arc + step)
+        if attempt.state is None:
+            return attempt
+        state = attempt.state
+        cosine = self.problem.inner(state.dx, row) + state.dt * entry
+        if cosine < self.control.turn:
+            return _Attempt(None, attempt.iterations)
+        return _Attempt(state, attempt.iterations)
+
+    def _newton(
+        self, x: Array, t: float, row: Array, entry: float, x_0: Array, t_0: float, arc: float
+    ) -> _Attempt:
+        """Solve F = 0 on the plane <row, x - x_0> + entry (t - t_0) = 0."""
+        for iteration in range(1, self.control.iterations + 1):
+            try:
+                linear = self.problem.linearise(x, t)
+            except Inadmissible as cause:
+                return _Attempt(None, iteration, cause)
+            value = self.problem.inner(row, x_0 - x) + entry * (t_0 - t)
+            try:
+                step, tangent = linear.bordered(row, entry, value)
+            except np.linalg.LinAlgError:
+                return _Attempt(None, iteration)
+            length = self._length(step)
+            if not length < FARTHEST:
+                return _Attempt(None, iteration)
+            x, t = x + step.x, t + step.t
+            if self.monitor is not None:
+                self.monitor()
+            if length <= self.control.tolerance:
+                state = PathState(t, x, x, 0.0, arc, iteration, linear.residual)
+                return _Attempt(self._with_tangent(state, tangent), iteration)
+        return _Attempt(None, self.control.iterations)
+
+    # --- points between two steps -------------------------------------------------------------
+
+    def _between(
+        self,
+        last: PathState,
+        before: PathState | None,
+        state: PathState,
+        landings: Sequence[float],
+    ) -> Iterator[PathState]:
+        """Yield limit point and landings between two neighbouring solutions, in order."""
+        fold = None
+        if last.dt * state.dt < 0:
+            fold = self._limit_point(last, before, state)
+        stops = [last, state] if fold is None else [last, fold, state]
+        for low, high in pairwise(stops):
+            inside = [s for s in landings if min(low.t, high.t) + 1e-12 < s < max(low.t, high.t)]
+            for t in sorted(inside, reverse=high.t < low.t):
+                found = self._land(low, high, t)
+                if found is not None:
+                    yield found
+            if high is fold:
+                yield high
+
+    def _limit_point(
+        self, last: PathState, before: PathState | None, state: PathState
+    ) -> PathState | None:
+        """Return the limit point between two solutions: the root of dt/ds, by regula falsi."""
+        low, high = (0.0, last.dt), (state.arc - last.arc, state.dt)
+        best: PathState | None = None
+        for _ in range(40):
+            width = high[0] - low[0]
+            share = low[1] / (low[1] - high[1])
+            step = low[0] + min(max(share, 0.05), 0.95) * width
+            found = self._step(last, before, step).state
+            if found is None:
+                return best
+            best = replace(found, is_fold=True)
+            # t differs from the limit point's by about dt/ds times half the distance to it
+            if abs(found.dt) * width < self.control.fold_tolerance:
+                return best
+            if found.dt * low[1] > 0:
+                low = (step, found.dt)
+            else:
+                high = (step, found.dt)
+        return best
+
+    def _land(self, low: PathState, high: PathState, t: float) -> PathState | None:
+        """Return the solution at load ``t`` between two solutions."""
+        share = _share_at(low, high, t)
+        guess = _hermite(low, high, share)
+        found = self.solve_at(guess, t)
+        if found is None:
+            return None
+        arc = low.arc + share * (high.arc - low.arc)
+        return self.oriented(replace(found, t=t, arc=arc), (low.dx + high.dx, low.dt + high.dt))
+
+
+def _predict(last: PathState, before: PathState | None, step: float) -> tuple[Array, float]:
+    """Return the guess of (x, t) at distance ``step``."""
+    x, t = last.x + step * last.dx, last.t + step * last.dt
+    if before is not None and last.arc > before.arc:
+        bend = step * step / (2 * (last.arc - before.arc))
+        x, t = x + bend * (last.dx - before.dx), t + bend * (last.dt - before.dt)
+    return x, t
+
+
+def _weights(share: float) -> tuple[float, float, float, float]:
+    """Return Hermite's cubics at a share of the interval: values and slopes, start and end."""
+    a, b = share, 1 - share
+    return b * b * (1 + 2 * a), a * b * b, a * a * (1 + 2 * b), -a * a * b
+
+
+def _hermite(low: PathState, high: PathState, share: float) -> Array:
+    w = _weights(share)
+    width = high.arc - low.arc
+    x: Array = w[0] * low.x + w[1] * width * low.dx + w[2] * high.x + w[3] * width * high.dx
+    return x
+
+
+def _share_at(low: PathState, high: PathState, t: float) -> float:
+    """Return the share of the arc at which the load, interpolated as x is, equals ``t``."""
+    width = high.arc - low.arc
+    left, right = 0.0, 1.0
+    rising = high.t > low.t
+    for _ in range(60):
+        share = (left + right) / 2
+        w = _weights(share)
+        value = w[0] * low.t + w[1] * width * low.dt + w[2] * high.t + w[3] * width * high.dt
+        if (value < t) == rising:
+            left = share
+        else:
+            right = share
+    return (left + right) / 2
