@@ -19,6 +19,8 @@ KINDS = (
     "symmetry_breaking",
     "closure_breakdown",
     "self_contact",
+    "limit_point",
+    "symmetry_regained",
 )
 
 ASYMMETRY_THRESHOLD = 1e-4

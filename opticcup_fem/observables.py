@@ -29,7 +29,7 @@ _AZIMUTHS = 48
 _MERIDIAN_POINTS = 129
 """Points on each meridian in the search for the rim and for the largest radius."""
 
-_TOP = 1e-5
+TOP = 1e-5
 """Depths (over R) below this are the cubic interpolation's, not a dimple's: D is 0."""
 
 
@@ -193,7 +193,7 @@ class Observer:
         meridians = (self._meridians @ aligned.position).reshape(_MERIDIAN_POINTS, -1, 3)
         top = mean_peak(meridians[..., 2])
         r = mean_peak(np.hypot(meridians[..., 0], meridians[..., 1]))
-        depth = float(top - apex) if top - apex > _TOP else 0.0
+        depth = float(top - apex) if top - apex > TOP else 0.0
         numbers = {
             "D_over_r": depth / r,
             "lambda_iov": self._apex_stretch(snapshot),

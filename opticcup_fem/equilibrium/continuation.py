@@ -215,6 +215,18 @@ class Continuation:
         zero = np.zeros_like(x)
         return self._newton(x, t, zero, 1.0, x, t, 0.0).state
 
+    def between(self, low: PathState, high: PathState, share: float) -> PathState | None:
+        """Return the solution at a share of the arc between two neighbouring solutions.
+
+        Returns:
+            The solution with its tangent, None if Newton's method fails.
+        """
+        arc = low.arc + share * (high.arc - low.arc)
+        x, t = _hermite(low, high, share)
+        row = (1 - share) * low.dx + share * high.dx
+        entry = (1 - share) * low.dt + share * high.dt
+        return self._newton(x, t, row, entry, x, t, arc).state
+
     def oriented(self, state: PathState, along: tuple[Array, float]) -> PathState:
         """Return ``state`` with its unit tangent, on the same side as ``along`` = (dx, dt)."""
         _, tangent = self.problem.linearise(state.x, state.t).bordered(*along, 0.0)
@@ -262,7 +274,7 @@ class Continuation:
             if ahead is None:
                 return
             state, used = ahead
-            for stop in self._between(last, before, state, due):
+            for stop in self._stops(last, before, state, due):
                 yield stop
                 if stop.t >= t_end - 1e-12 and not stop.is_fold:
                     return
@@ -332,7 +344,7 @@ class Continuation:
 
     # --- points between two steps -------------------------------------------------------------
 
-    def _between(
+    def _stops(
         self,
         last: PathState,
         before: PathState | None,
@@ -379,8 +391,7 @@ class Continuation:
     def _land(self, low: PathState, high: PathState, t: float) -> PathState | None:
         """Return the solution at load ``t`` between two solutions."""
         share = _share_at(low, high, t)
-        guess = _hermite(low, high, share)
-        found = self.solve_at(guess, t)
+        found = self.solve_at(_hermite(low, high, share)[0], t)
         if found is None:
             return None
         arc = low.arc + share * (high.arc - low.arc)
@@ -402,23 +413,22 @@ def _weights(share: float) -> tuple[float, float, float, float]:
     return b * b * (1 + 2 * a), a * b * b, a * a * (1 + 2 * b), -a * a * b
 
 
-def _hermite(low: PathState, high: PathState, share: float) -> Array:
+def _hermite(low: PathState, high: PathState, share: float) -> tuple[Array, float]:
+    """Return (x, t) interpolated from two states and their tangents."""
     w = _weights(share)
     width = high.arc - low.arc
-    x: Array = w[0] * low.x + w[1] * width * low.dx + w[2] * high.x + w[3] * width * high.dx
-    return x
+    x = w[0] * low.x + w[1] * width * low.dx + w[2] * high.x + w[3] * width * high.dx
+    t = w[0] * low.t + w[1] * width * low.dt + w[2] * high.t + w[3] * width * high.dt
+    return x, t
 
 
 def _share_at(low: PathState, high: PathState, t: float) -> float:
     """Return the share of the arc at which the load, interpolated as x is, equals ``t``."""
-    width = high.arc - low.arc
     left, right = 0.0, 1.0
     rising = high.t > low.t
     for _ in range(60):
         share = (left + right) / 2
-        w = _weights(share)
-        value = w[0] * low.t + w[1] * width * low.dt + w[2] * high.t + w[3] * width * high.dt
-        if (value < t) == rising:
+        if (_hermite(low, high, share)[1] < t) == rising:
             left = share
         else:
             right = share

@@ -87,15 +87,17 @@ class MeridianShell:
             self.circumference * self.forms.quadrature_weights * mesh.sizes[:, None]
         )
         self.basis, self.gradient = mesh.tabulate(points, 1)
-        self._law_points = {name: self._points_of(cells) for name, cells in mesh.region.items()}
+        self._law_points = {
+            name: self._points_at(self.points[cells].ravel()) for name, cells in mesh.region.items()
+        }
         element = self.forms.eta.ufl_element().basix_element
         self.curvature_basis: Array = element.tabulate(0, points[:, None])[0, :, :, 0]
 
-    def _points_of(self, cells: Indices) -> SurfacePoints:
-        r, z = np.moveaxis(self.mesh.profile.position(self.points[cells].reshape(-1)), -1, 0)
+    def _points_at(self, s: Array) -> SurfacePoints:
+        """Return points at azimuth 0, for laws that are functions of the position."""
+        r, z = np.moveaxis(self.mesh.profile.position(s), -1, 0)
         x = np.stack([r, np.zeros_like(r), z], axis=-1)
-        # laws of a UFL expression would need a mesh; those of positions do not
-        return SurfacePoints(x, None, cells.astype(np.int32), self.forms.quadrature_points[:, None])
+        return SurfacePoints(x, None, np.zeros(0, np.int32), np.zeros((0, 2)))
 
     @property
     def has_energy(self) -> bool:
@@ -124,6 +126,12 @@ class MeridianShell:
             profile.position(mesh.s), profile.angle(mesh.vertices), kappa, np.zeros(shape)
         )
 
+    def curvature_at(self, state: MeridianState, cell: int, point: float) -> float:
+        """Return b_11 at a reference point of a cell."""
+        element = self.forms.eta.ufl_element().basix_element
+        table = element.tabulate(0, np.array([[point]]))[0, 0, :, 0]
+        return float(table @ state.kappa[cell])
+
     # --- evaluation ---------------------------------------------------------------------------
 
     def forms_at_points(self, state: MeridianState) -> Array:
@@ -138,10 +146,18 @@ class MeridianShell:
         forms[..., 4] = x[..., 0] * d[..., 1] / (np.sqrt(forms[..., 0]) * self.radius_ref**2)
         return forms
 
-    def growth_at(self, t_n: float, region: str) -> list[GrowthState]:
-        """Return the growth of a region's layers, innermost first."""
-        layers = self.sections[region].layers
-        return [self.laws[layer.name](t_n, self._law_points[region]) for layer in layers]
+    def growth_at(
+        self, t_n: float, region: str, s: Array | None = None
+    ) -> list[GrowthState]:
+        """Return the growth of a region's layers, innermost first.
+
+        Args:
+            t_n: Normalised time.
+            region: Name of the region.
+            s: Arc lengths, shape (n,); the quadrature points of the region by default.
+        """
+        places = self._law_points[region] if s is None else self._points_at(s)
+        return [self.laws[layer.name](t_n, places) for layer in self.sections[region].layers]
 
     def resultants_of(self, forms: Array, t_n: float, tangent: bool = True) -> Resultants:
         """Return energy, stress and tangent at the quadrature points.

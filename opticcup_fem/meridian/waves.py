@@ -246,17 +246,27 @@ class Waves:
     def negative(self, state: MeridianState, t_n: float) -> dict[int, int]:
         """Return the number of negative eigenvalues in each wavenumber, rigid motions aside.
 
-        By the inertia of the L D L^T factor; of a closure without an energy, whose second
-        variation is not symmetric, the number of eigenvalues with a negative real part.
+        By the inertia of the L D L^T factor.  Of a closure without an energy, whose second
+        variation is not symmetric, it is the number of eigenvalues with a negative real part;
+        there are none where the symmetric part has none.
         """
         counts = {}
         for m, matrix in self.matrices(state, t_n).items():
             admissible = self._restricted(matrix, m)
-            if self.shell.has_energy:
-                counts[m] = count_negative(admissible)
-            else:
+            counts[m] = count_negative((admissible + admissible.T) / 2)
+            if counts[m] and not self.shell.has_energy:
                 counts[m] = int(np.sum(linalg.eigvals(admissible).real < 0))
         return counts
+
+    def eigenvalue(self, state: MeridianState, t_n: float, m: int, index: int) -> float:
+        """Return an eigenvalue whose sign agrees with ``negative``: the one of place ``index``.
+
+        Its size has no meaning: it is taken with respect to the unknowns.
+        """
+        admissible = self._restricted(self.matrices(state, t_n)[m], m)
+        if self.shell.has_energy:
+            return float(linalg.eigvalsh(admissible, subset_by_index=[index, index])[0])
+        return float(np.sort(linalg.eigvals(admissible).real)[index])
 
     def _restricted(self, matrix: Array, m: int) -> Array:
         """Return the matrix on the admissible motions without the rigid ones."""
@@ -300,8 +310,12 @@ class Waves:
             gram = np.linalg.cholesky(rigid.T @ mass @ rigid)
             image = mass @ np.linalg.solve(gram, rigid.T).T
             matrix = matrix + FAR * image @ image.T
-        symmetric = (matrix + matrix.T) / 2
-        values, vectors = linalg.eigh(symmetric, mass, subset_by_index=[0, count - 1])
+        if self.shell.has_energy:
+            values, vectors = linalg.eigh(matrix, mass, subset_by_index=[0, count - 1])
+        else:
+            values, vectors = linalg.eig(matrix, mass)
+            lowest = np.argsort(values.real)[:count]
+            values, vectors = values.real[lowest], vectors.real[:, lowest]
         return [self._mode(m, value, basis @ vectors[:, i]) for i, value in enumerate(values)]
 
     def _mode(self, m: int, eigenvalue: float, vector: Array) -> Mode:

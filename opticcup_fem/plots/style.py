@@ -28,6 +28,8 @@ EVENT_MARKERS = {
     "symmetry_breaking": ("s", "symmetry breaking"),
     "closure_breakdown": ("X", "closure breakdown"),
     "self_contact": ("P", "self-contact"),
+    "limit_point": ("o", "limit point"),
+    "symmetry_regained": ("h", "symmetry regained"),
 }
 """Marker and label of each kind of event: diamond, triangle and square as in the letter."""
 

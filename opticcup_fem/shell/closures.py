@@ -238,6 +238,51 @@ CLOSURES: dict[str, Closure] = {
 """Every closure by its name in case files (``material.closure``)."""
 
 
+class FibreState(NamedTuple):
+    """State of a fibre at n points, each of shape (n,).
+
+    Attributes:
+        s: s = -2 xi lambda_3 with the lambda_3 of the metric, g = a + s b.
+        area_ratio: D = J_s^2.
+        stretch: lambda_3 in the stress.
+    """
+
+    s: Array
+    area_ratio: Array
+    stretch: Array
+
+
+def fibre_state(closure: str, inv: Invariants, fibre: Fibre) -> FibreState:
+    """Return the state of a fibre under a closure.
+
+    Raises:
+        LostFibre: There is none.
+    """
+    law = CLOSURES[closure]
+    metric_stretch = law.metric_stretch(inv, fibre)
+    s = -2 * fibre.height * metric_stretch
+    D = area_ratio(inv, s, fibre)
+    in_plane = np.sqrt(plane_stress_stretch(D, fibre.layer))
+    return FibreState(s, D, in_plane if law.has_energy else metric_stretch)
+
+
+def mean_stretches(
+    closure: str,
+    section: Section,
+    growth: Sequence[GrowthState],
+    forms: Array,
+    a_ref: Array,
+    k_ref: float,
+) -> dict[str, Array]:
+    """Return the mean of lambda_3 through each layer, shape (n,); arguments as ``resultants``."""
+    inv = invariants(forms, a_ref)
+    means = {layer.name: np.zeros(len(forms)) for layer in section.layers}
+    for fibre in fibres(section, growth, k_ref):
+        share = fibre.gauss_weight / fibre.layer.thickness
+        means[fibre.layer.name] += share * fibre_state(closure, inv, fibre).stretch
+    return means
+
+
 def resultants(
     closure: str,
     section: Section,

@@ -49,16 +49,11 @@ def layer_fields(shell: Shell, state: ShellState, region: str) -> dict[str, Laye
     a_ref = shell.a_ref[cells].reshape(-1, 3)
     meridian = _meridian(shell, cells)
     inv = fibres.invariants(forms, a_ref)
-    closure = closures.CLOSURES[shell.closure]
     stretches = {layer.name: np.zeros(len(forms)) for layer in section.layers}
     stresses = {layer.name: np.zeros((len(forms), 3)) for layer in section.layers}
     for fibre in fibres.fibres(section, growth, shell.surface_mesh.surface.curvature):
         share = fibre.gauss_weight / fibre.layer.thickness
-        metric_stretch = closure.metric_stretch(inv, fibre)
-        s = -2 * fibre.height * metric_stretch
-        D = fibres.area_ratio(inv, s, fibre)
-        in_plane = np.sqrt(fibres.plane_stress_stretch(D, fibre.layer))
-        stretch = in_plane if closure.has_energy else metric_stretch
+        s, D, stretch = closures.fibre_state(shell.closure, inv, fibre)
         metric = forms[:, :3] + s[:, None] * forms[:, 3:]
         stretches[fibre.layer.name] += share * stretch
         stresses[fibre.layer.name] += share * _cauchy(fibre, D, stretch, metric, a_ref, meridian)

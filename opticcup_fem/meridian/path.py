@@ -1,0 +1,124 @@
+"""Whole axisymmetric paths in t_n: states, their numbers and their stability."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+from opticcup_fem.equilibrium.continuation import ArcControl, Continuation, PathState
+from opticcup_fem.errors import ClosureBreakdown, ConvergenceError, OpticCupError
+from opticcup_fem.meridian.problem import MeridianProblem
+from opticcup_fem.meridian.shell import MeridianShell, MeridianState
+from opticcup_fem.meridian.waves import Waves
+from opticcup_fem.shell.closures import LostFibre
+
+
+@dataclass(frozen=True)
+class MeridianPoint:
+    """An equilibrium on the path, stable or not.
+
+    Attributes:
+        path: The solution in the continuation's terms.
+        state: The same as a state of the shell.
+        negative: Negative eigenvalues in each wavenumber, rigid motions aside; of a limit point
+            the vanishing eigenvalue counts or not by its last digits.
+        followed: Whether a cup that loses its axisymmetric stability at a limit point, falls to
+            the next axisymmetrically stable state of this path, and never goes back in time
+            passes here.
+        jump: Whether it arrives here by such a fall.
+    """
+
+    path: PathState
+    state: MeridianState
+    negative: dict[int, int]
+    followed: bool
+    jump: bool
+
+    @property
+    def t_n(self) -> float:
+        """Normalised time."""
+        return self.path.t
+
+    @property
+    def stable(self) -> bool:
+        """Whether no eigenvalue of any wavenumber is negative; of a limit point, none but its."""
+        return all(count == 0 for m, count in self.negative.items() if m or not self.path.is_fold)
+
+
+class MeridianPath:
+    """Follows the path of a shell from t_n = 0.
+
+    Attributes:
+        problem: The shell's equations.
+        waves: Its second variations.
+        continuation: Their continuation, also used to find states between two others.
+    """
+
+    def __init__(
+        self, shell: MeridianShell, waves: Waves, control: ArcControl | None = None
+    ) -> None:
+        """Set the continuation up.
+
+        Args:
+            shell: The shell.
+            waves: Second variations of its states; m = 0 is among them.
+            control: Steps along the path.
+        """
+        self.problem, self.waves = MeridianProblem(shell), waves
+        self.continuation = Continuation(self.problem, control or ArcControl())
+        self._accepted = 0
+        self._last: MeridianState | None = None
+
+    def count_iterations(self, count: Callable[[], None]) -> None:
+        """Have ``count`` called at every Newton iteration."""
+        self.continuation.monitor = count
+
+    def follow(self, t_end: float, times: Sequence[float] = ()) -> Iterator[MeridianPoint]:
+        """Yield all states in their order along the path, limit points included.
+
+        Args:
+            t_end: The path ends where it first has this t_n.
+            times: Normalised times to land on, on every passage.
+        """
+        x = self.problem.pack(self.problem.shell.reference_state())
+        front, fell = -1.0, False
+        for solution in self.continuation.follow(x, 0.0, t_end, [t for t in times if t > 0]):
+            state = self.problem.unpack(solution.x)
+            negative = self.waves.negative(state, solution.t)
+            keeps = solution.t > front and not fell
+            arrives = fell and solution.t >= front and solution.dt > 0 and negative[0] == 0
+            followed = keeps or (arrives and not solution.is_fold)
+            self._accepted += 1
+            self._last = state
+            yield MeridianPoint(solution, state, negative, followed, followed and fell)
+            if followed:
+                front, fell = solution.t, solution.is_fold
+
+    def point_between(
+        self, low: MeridianPoint, high: MeridianPoint, share: float
+    ) -> tuple[PathState, MeridianState]:
+        """Return the state at a share of the arc between two neighbouring points.
+
+        Raises:
+            ConvergenceError: Newton's method found none.
+        """
+        found = self.continuation.between(low.path, high.path, share)
+        if found is None:
+            raise ConvergenceError("no state between two neighbours", low.t_n, 0, 0, float("nan"))
+        return found, self.problem.unpack(found.x)
+
+    def failure(self) -> OpticCupError | None:
+        """Return why the path ended early, None if it did not."""
+        ending = self.continuation.ending
+        if ending is None:
+            return None
+        lost = None if ending.cause is None else ending.cause.__cause__
+        if isinstance(lost, LostFibre):
+            shell = self.problem.shell
+            cell, point = divmod(lost.index, shell.points.shape[1])
+            assert self._last is not None
+            r, z = shell.basis[cell, point] @ self._last.r[shell.mesh.cells[cell]]
+            return ClosureBreakdown(shell.closure, lost.layer, lost.height, (r, 0.0, z), ending.t)
+        return ConvergenceError(
+            f"arc length step below {ending.step:.2g}", ending.t, self._accepted, 0, float("nan")
+        )
