@@ -56,7 +56,7 @@ class ContinuationProblem(Protocol):
     """Equations F(x, t) = 0."""
 
     def linearise(self, x: Array, t: float) -> Linearised:
-        """Return F and its derivatives.
+        """Return F and its derivatives; ``bordered`` may raise ``Inadmissible`` as well.
 
         Raises:
             Inadmissible: (x, t) is outside the domain of F.
@@ -322,13 +322,12 @@ class Continuation:
     ) -> _Attempt:
         """Solve F = 0 on the plane <row, x - x_0> + entry (t - t_0) = 0."""
         for iteration in range(1, self.control.iterations + 1):
-            try:
-                linear = self.problem.linearise(x, t)
-            except Inadmissible as cause:
-                return _Attempt(None, iteration, cause)
             value = self.problem.inner(row, x_0 - x) + entry * (t_0 - t)
             try:
+                linear = self.problem.linearise(x, t)
                 step, tangent = linear.bordered(row, entry, value)
+            except Inadmissible as cause:
+                return _Attempt(None, iteration, cause)
             except np.linalg.LinAlgError:
                 return _Attempt(None, iteration)
             length = self._length(step)

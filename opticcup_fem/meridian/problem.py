@@ -162,8 +162,11 @@ class MeridianLinearised:
     def load(self) -> tuple[Array, Array]:
         """Derivatives in t_n of the cells' residuals: condensed (n_cells, n_u), bending."""
         shell, h = self.problem.shell, TIME_STEP
-        after = shell.resultants_of(self.forms, self.t_n + h, tangent=False).stress
-        before = shell.resultants_of(self.forms, self.t_n - h, tangent=False).stress
+        try:
+            after = shell.resultants_of(self.forms, self.t_n + h, tangent=False).stress
+            before = shell.resultants_of(self.forms, self.t_n - h, tangent=False).stress
+        except LostFibre as lost:
+            raise Inadmissible("a layer has no admissible state nearby") from lost
         rate = (after - before) / (2 * h) * shell.circumference[..., None]
         data = {**self.cells.data, shell.forms.stress: rate}
         bending = shell.kernels["Fk"](data)
