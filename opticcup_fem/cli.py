@@ -101,10 +101,11 @@ def run(
         with _one_error_for_all_ranks():
             case = _load(case_path, overrides)
             _prepare_folder(folder)
-        from opticcup_fem.studies import cup
+        from opticcup_fem.studies import runner
 
         with _abort_all_ranks_on_a_bug():
-            summary = cup.run(case, folder, quiet=quiet or not sys.stderr.isatty())
+            grow = runner(case.run.model)
+            summary = grow(case, folder, quiet=quiet or not sys.stderr.isatty())
         _say(summary.message, err=not summary.ok)
         if not summary.ok:
             raise typer.Exit(FAILED_RUN)

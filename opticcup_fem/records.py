@@ -1,7 +1,8 @@
 """The folder of a run: what is written as it goes, and how it is read again.
 
 ``case.toml`` the resolved case; ``path.csv`` one row a state; ``events.json``; ``fields.pvd`` and
-``fields/`` for ParaView; ``sections.npz`` meridian sections; pictures made from these.  Whenever a
+``fields/`` for ParaView; ``sections.npz`` meridian sections; pictures made from these.  The
+meridian model adds ``modes.npz`` and writes no fields.  Whenever a
 run is cut short, the files in its folder are complete up to there.
 """
 
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 CASE, PATH, EVENTS = "case.toml", "path.csv", "events.json"
 SECTIONS, COLLECTION, FIELDS = "sections.npz", "fields.pvd", "fields"
 SUMMARY, COMPARISON, SOLID = "summary.png", "comparison.png", "cup.png"
+BIFURCATION, MODES = "bifurcation.png", "modes.npz"
 
 AZIMUTHS = 8
 """Meridian sections of each state: four planes through the axis."""
@@ -89,7 +91,8 @@ class RunFolder:
 
     def _clear(self) -> None:
         """Delete an earlier run's records."""
-        names = (CASE, PATH, EVENTS, SECTIONS, COLLECTION, SUMMARY, COMPARISON, SOLID)
+        pictures = (SUMMARY, COMPARISON, SOLID, BIFURCATION)
+        names = (CASE, PATH, EVENTS, SECTIONS, COLLECTION, MODES, *pictures)
         earlier = [self.path / name for name in names]
         for file in [*earlier, *(self.path / FIELDS).glob("*.vtu")]:
             file.unlink(missing_ok=True)
@@ -130,11 +133,22 @@ class RunFolder:
         """Add a state's meridian sections to sections.npz."""
         if self._meridians is None:
             self._meridians = Meridians(snapshot, azimuths(AZIMUTHS))
-        self._sections.append((float(snapshot.t_n), self._meridians(snapshot)))
-        unfinished = self.path / f".{SECTIONS}"
+        self.append_sections(snapshot.t_n, self._meridians(snapshot))
+
+    def append_sections(self, t_n: float, sections: tuple[Section, ...]) -> None:
+        """Add the meridian sections of the state at normalised time ``t_n`` to sections.npz."""
+        self._sections.append((float(t_n), sections))
+        self._write_arrays(SECTIONS, _stacked(self._sections))
+
+    def write_modes(self, **arrays: NDArray[Any]) -> None:
+        """Replace modes.npz, the critical modes of an axisymmetric path."""
+        self._write_arrays(MODES, arrays)
+
+    def _write_arrays(self, name: str, arrays: Mapping[str, NDArray[Any]]) -> None:
+        unfinished = self.path / f".{name}"
         with unfinished.open("wb") as file:
-            np.savez(file, **_stacked(self._sections))  # type: ignore[arg-type]
-        os.replace(unfinished, self.path / SECTIONS)
+            np.savez(file, **arrays)  # type: ignore[arg-type]
+        os.replace(unfinished, self.path / name)
 
 
 def _cell(value: Any) -> str:

@@ -102,7 +102,13 @@ class Growth(_Table):
 class Run(_Table):
     """Which discretisation, and how far."""
 
-    model: Literal["surface"] = Field(default="surface", description="discretisation of the shell")
+    model: Literal["surface", "meridian"] = Field(
+        default="surface",
+        description="discretisation: whole surface, or axisymmetric",
+    )
+    max_wavenumber: int = Field(
+        default=8, ge=2, le=40, description="meridian: stability is counted for m = 0 .. this"
+    )
     t_end: Positive = Field(
         default=1.0, description="last normalised time t_n; 1 is 20 h in the chick"
     )

@@ -36,9 +36,7 @@ def path_events(
         found: The crossings of eigenvalues.
         curvature: kappa_cap R as a function of t_n.
     """
-    pairs = [
-        (point, row) for point, row in zip(points, rows, strict=True) if point.followed
-    ]
+    pairs = [(point, row) for point, row in zip(points, rows, strict=True) if point.followed]
     followed = [point for point, _ in pairs]
     events = [
         _sharpened(one, path, followed, curvature)
@@ -46,7 +44,14 @@ def path_events(
     ]
     taken = {one["t_n"] for one in events}
     events += [
-        event("limit_point", "fold", point.t_n, curvature(point.t_n))
+        event(
+            "limit_point",
+            "fold",
+            point.t_n,
+            curvature(point.t_n),
+            followed=False,
+            arc_length=point.path.arc,
+        )
         for point in points
         if point.path.is_fold and point.t_n not in taken
     ]
@@ -63,6 +68,7 @@ def _of_crossing(one: Crossing, curvature: Curvature) -> Event:
         curvature(one.t_n),
         wavenumber=one.wavenumber,
         followed=one.followed,
+        arc_length=one.arc,
     )
 
 
@@ -72,15 +78,16 @@ def _sharpened(
     """Return an invagination at its exact t_n."""
     low, high = one["t_n_range"]
     if one["type"] == "fold":
-        inside = [p.t_n for p in followed if p.path.is_fold and low <= p.t_n <= high]
-        t_n = inside[0] if inside else one["t_n"]
+        at = next(p.path for p in followed if p.path.is_fold and low <= p.t_n <= high)
     else:
-        t_n = _fastest_descent(path, followed, one["t_n"])
-    return {**one, "t_n": t_n, "kappa_cap_R": curvature(t_n)}
+        at = _fastest_descent(path, followed, one["t_n"])
+    return {**one, "t_n": at.t, "kappa_cap_R": curvature(at.t), "arc_length": at.arc}
 
 
-def _fastest_descent(path: MeridianPath, followed: Sequence[MeridianPoint], near: float) -> float:
-    """Return t_n of the least dc/dt_n near a time: among the points, then between two of them."""
+def _fastest_descent(
+    path: MeridianPath, followed: Sequence[MeridianPoint], near: float
+) -> PathState:
+    """Return the state of least dc/dt_n near a time: among the points, then between two."""
 
     def speed(solution: PathState) -> float:
         rate = path.problem.unpack(solution.dx).r[:, 1]
@@ -89,13 +96,15 @@ def _fastest_descent(path: MeridianPath, followed: Sequence[MeridianPoint], near
     at = min(range(len(followed)), key=lambda i: abs(followed[i].t_n - near))
     window = [p for p in followed[max(at - 4, 0) : at + 5] if not p.path.is_fold]
     least = min(range(len(window)), key=lambda i: speed(window[i].path))
-    best_t, best = window[least].t_n, speed(window[least].path)
+    best = window[least].path
     for low, high in pairwise(window[max(least - 1, 0) : least + 2]):
 
         def at_share(share: float, low: MeridianPoint = low, high: MeridianPoint = high) -> float:
             return speed(path.point_between(low, high, share)[0])
 
-        result = minimize_scalar(at_share, bounds=(0.0, 1.0), method="bounded", options={"xatol": 1e-3})
-        if result.fun < best:
-            best, best_t = float(result.fun), path.point_between(low, high, result.x)[0].t
-    return best_t
+        result = minimize_scalar(
+            at_share, bounds=(0.0, 1.0), method="bounded", options={"xatol": 1e-3}
+        )
+        if result.fun < speed(best):
+            best = path.point_between(low, high, float(result.x))[0]
+    return best

@@ -10,7 +10,7 @@ from opticcup_fem.errors import ClosureBreakdown, ConvergenceError, OpticCupErro
 from opticcup_fem.meridian.problem import MeridianProblem
 from opticcup_fem.meridian.shell import MeridianShell, MeridianState
 from opticcup_fem.meridian.waves import Waves
-from opticcup_fem.shell.closures import LostFibre
+from opticcup_fem.shell.fibres import LostFibre
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,8 @@ from opticcup_fem.equilibrium.continuation import Direction, Inadmissible, solve
 from opticcup_fem.meridian.pressure import PressureWork
 from opticcup_fem.meridian.shell import MeridianShell, MeridianState
 from opticcup_fem.shell import condensation
-from opticcup_fem.shell.closures import LostFibre
 from opticcup_fem.shell.condensation import CondensedCells
+from opticcup_fem.shell.fibres import LostFibre
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from opticcup_fem.meridian.forms import AxisymmetricForms
 from opticcup_fem.meridian.mesh import Indices, MeridianMesh
 from opticcup_fem.shell import closures
-from opticcup_fem.shell.closures import GrowthState, LostFibre, Resultants
+from opticcup_fem.shell.fibres import GrowthState, LostFibre, Resultants
 from opticcup_fem.shell.growth import GrowthLaw, SurfacePoints
 from opticcup_fem.shell.kernels import Kernel, compile_kernels
 from opticcup_fem.shell.section import Section
@@ -146,9 +146,7 @@ class MeridianShell:
         forms[..., 4] = x[..., 0] * d[..., 1] / (np.sqrt(forms[..., 0]) * self.radius_ref**2)
         return forms
 
-    def growth_at(
-        self, t_n: float, region: str, s: Array | None = None
-    ) -> list[GrowthState]:
+    def growth_at(self, t_n: float, region: str, s: Array | None = None) -> list[GrowthState]:
         """Return the growth of a region's layers, innermost first.
 
         Args:

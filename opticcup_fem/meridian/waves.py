@@ -101,7 +101,11 @@ class Waves:
     # --- matrices -----------------------------------------------------------------------------
 
     def data(
-        self, state: MeridianState, t_n: float, u: Array | None = None, rotation: Array | None = None
+        self,
+        state: MeridianState,
+        t_n: float,
+        u: Array | None = None,
+        rotation: Array | None = None,
     ) -> dict[ufl.Coefficient, Array]:
         """Return the coefficients of the blocks for all azimuths, one after the other.
 
@@ -160,7 +164,7 @@ class Waves:
         parts = cells.hessian.reshape(count, self.mesh.n_cells, *cells.hessian.shape[1:])
         sums: dict[int, Array] = {}
         for azimuth, part in zip(self._azimuths, parts, strict=True):
-            sums[azimuth.m] = sums.get(azimuth.m, 0.0) + azimuth.weight * part
+            sums[azimuth.m] = sums.get(azimuth.m, np.zeros_like(part)) + azimuth.weight * part
         return sums
 
     def matrices(self, state: MeridianState, t_n: float) -> dict[int, Array]:

@@ -14,7 +14,12 @@ if TYPE_CHECKING:
 
 
 def branches(path: "pd.DataFrame") -> "list[pd.DataFrame]":
-    """Return the path cut before every row that follows a jump."""
+    """Return the path cut before every row that follows a jump.
+
+    Of a whole path, with its unstable parts, only what a cup follows.
+    """
+    if "followed" in path:
+        path = path[path["followed"].astype(bool)]
     number = path["jump"].astype(bool).cumsum() if "jump" in path else path["t_n"] * 0
     return [branch for _, branch in path.groupby(number, sort=True)]
 
@@ -45,6 +50,8 @@ def mark_events(
 ) -> None:
     """Put each event's marker on the curve of one column, labelled with kind, type and t_n."""
     for event in events:
+        if not event.get("followed", True):
+            continue
         marker, label = style.EVENT_MARKERS[event["kind"]]
         wavenumber = f", m = {event['wavenumber']}" if "wavenumber" in event else ""
         t_n, value = place_of(path, name, event)

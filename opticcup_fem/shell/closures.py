@@ -276,7 +276,7 @@ def mean_stretches(
 ) -> dict[str, Array]:
     """Return the mean of lambda_3 through each layer, shape (n,); arguments as ``resultants``."""
     inv = invariants(forms, a_ref)
-    means = {layer.name: np.zeros(len(forms)) for layer in section.layers}
+    means: dict[str, Array] = {layer.name: np.zeros(len(forms)) for layer in section.layers}
     for fibre in fibres(section, growth, k_ref):
         share = fibre.gauss_weight / fibre.layer.thickness
         means[fibre.layer.name] += share * fibre_state(closure, inv, fibre).stretch

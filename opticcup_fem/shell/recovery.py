@@ -209,17 +209,7 @@ def _faces(shell: Shell, state: ShellState, region: str, fields: dict[str, Layer
     normal = np.cross(base[..., 0, :], base[..., 1, :])
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
     stretches = [fields[layer.name].thickness_stretch for layer in section.layers]
-    thicknesses = [
-        layer.thickness * stretch for layer, stretch in zip(section.layers, stretches, strict=True)
-    ]
-    above_bottom = np.concatenate(
-        [np.zeros((1, *thicknesses[0].shape)), np.cumsum(thicknesses, axis=0)]
-    )
-    middle = sum(
-        np.clip(-low, 0.0, layer.thickness) * stretch
-        for layer, low, stretch in zip(section.layers, section.boundaries, stretches, strict=False)
-    )
-    heights = np.moveaxis(above_bottom - middle, 0, -1)
+    heights = section.face_heights(stretches)
     position = state.r[nodes]
     return position[:, :, None, :] + heights[..., None] * normal[:, :, None, :]
 

@@ -85,6 +85,27 @@ class Section:
         steps = np.cumsum([0.0] + [layer.thickness for layer in self.layers])
         return steps - self.thickness / 2
 
+    def face_heights(self, stretches: Sequence[Array]) -> Array:
+        """Return the current heights of the layer faces over the mid-surface, inside first.
+
+        Args:
+            stretches: Mean thickness stretch of each layer, all of one shape.
+
+        Returns:
+            Shape (..., n_layers + 1).
+        """
+        thicknesses = [
+            layer.thickness * stretch for layer, stretch in zip(self.layers, stretches, strict=True)
+        ]
+        first = np.zeros((1, *np.shape(thicknesses[0])))
+        above_bottom = np.concatenate([first, np.cumsum(thicknesses, axis=0)])
+        middle = sum(
+            np.clip(-low, 0.0, layer.thickness) * stretch
+            for layer, low, stretch in zip(self.layers, self.boundaries, stretches, strict=False)
+        )
+        heights: Array = np.moveaxis(above_bottom - middle, 0, -1)
+        return heights
+
     @cached_property
     def gauss_points(self) -> tuple[tuple[Array, Array], ...]:
         """Heights and weights of the Gauss points of each layer, innermost first."""

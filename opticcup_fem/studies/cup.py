@@ -2,39 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from mpi4py import MPI
 
 from opticcup_fem.case import Case
 from opticcup_fem.equilibrium.path import PathPoint
 from opticcup_fem.errors import ClosureBreakdown, OpticCupError
-from opticcup_fem.events import Event
 from opticcup_fem.shell.model import Shell
 from opticcup_fem.shell.recovery import capture
 from opticcup_fem.studies.model import shell_of, stepping_of
+from opticcup_fem.studies.outcome import RunSummary, on_root
 from opticcup_fem.studies.progress import Progress, sentence
 from opticcup_fem.studies.recorder import Recorder, StateNumbers
-
-
-@dataclass(frozen=True)
-class RunSummary:
-    """Outcome of a run, the same on every rank.
-
-    Attributes:
-        ok: Whether it ended as a run should: at run.t_end, or in a contact of the shell with
-            itself, which is reported and not resisted.
-        message: What happened, and where the results are.
-        events: The events found.
-        rows: Number of rows in path.csv.
-    """
-
-    ok: bool
-    message: str
-    events: list[Event]
-    rows: int
 
 
 def run(
@@ -54,7 +34,7 @@ def run(
     """
     comm = comm or MPI.COMM_WORLD
     progress = Progress(case.run.t_end, shown=comm.rank == 0 and not quiet)
-    recorder = _on_root(comm, lambda: Recorder(case, out_dir, progress))
+    recorder = on_root(comm, lambda: Recorder(case, out_dir, progress))
     with progress.running():
         with progress.phase("meshing and compiling kernels"):
             shell = shell_of(case, comm)
@@ -71,20 +51,6 @@ def run(
         _record_breakdown(recorder, failure)
         summary = _summary(recorder, out_dir, failure)
     return comm.bcast(summary)
-
-
-def _on_root(comm: MPI.Comm, make: Any) -> Any:
-    """Return what ``make`` gives on rank 0, None elsewhere; its error is raised on every rank."""
-    made, error = None, None
-    if comm.rank == 0:
-        try:
-            made = make()
-        except OpticCupError as exc:  # the other ranks must learn of it before this one raises
-            error = exc
-    error = comm.bcast(error)
-    if error is not None:
-        raise error
-    return made
 
 
 def _record(recorder: Recorder | None, shell: Shell, point: PathPoint) -> bool:

@@ -1,0 +1,207 @@
+"""Follow one cup's whole axisymmetric path and its stability, and write its run folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+
+from opticcup_fem.case import Case, case_to_toml
+from opticcup_fem.errors import ClosureBreakdown, OpticCupError
+from opticcup_fem.events import Event, event
+from opticcup_fem.meridian.contact import self_crossing
+from opticcup_fem.meridian.crossings import Crossing, crossings
+from opticcup_fem.meridian.events import path_events
+from opticcup_fem.meridian.layers import sections
+from opticcup_fem.meridian.mesh import Grading, MeridianMesh
+from opticcup_fem.meridian.observables import CupObserver
+from opticcup_fem.meridian.path import MeridianPath, MeridianPoint
+from opticcup_fem.meridian.profile import ClosedSphere
+from opticcup_fem.meridian.shell import MeridianShell
+from opticcup_fem.meridian.waves import Waves
+from opticcup_fem.records import AZIMUTHS, RunFolder
+from opticcup_fem.sampling import azimuths
+from opticcup_fem.studies.model import growth_of, sections_of
+from opticcup_fem.studies.outcome import RunSummary, on_root
+from opticcup_fem.studies.progress import Progress, sentence
+from opticcup_fem.theory.prediction import cap_curvature_of_case
+from opticcup_fem.versions import versions
+
+
+def grading_of(case: Case) -> Grading:
+    """Return cells that resolve the bending length sqrt(R h): 0.3 of it, and 0.1 R at most."""
+    return Grading(largest=min(0.1, 0.3 * case.shape.thickness**0.5))
+
+
+def shell_of(case: Case) -> MeridianShell:
+    """Return the axisymmetric shell of a case."""
+    mesh = MeridianMesh(ClosedSphere(case.shape.opening_angle), grading_of(case))
+    return MeridianShell(mesh, sections_of(case), growth_of(case), case.material.closure)
+
+
+def path_of(case: Case) -> MeridianPath:
+    """Return the path of a case, with the stability in m = 0 .. run.max_wavenumber."""
+    shell = shell_of(case)
+    return MeridianPath(shell, Waves(shell, tuple(range(case.run.max_wavenumber + 1))))
+
+
+def run(
+    case: Case, out_dir: Path, *, quiet: bool = False, comm: MPI.Comm | None = None
+) -> RunSummary:
+    """Follow the path of a case from t_n = 0 to run.t_end on rank 0 (collective).
+
+    Args:
+        case: The case.
+        out_dir: The run folder; an earlier run's records in it are replaced.
+        quiet: No progress bar.
+        comm: MPI communicator, all ranks by default.
+
+    Raises:
+        CaseError: The folder cannot be written.
+    """
+    comm = comm or MPI.COMM_WORLD
+    summary: RunSummary | None = on_root(comm, lambda: _run(case, out_dir, quiet))
+    shared: RunSummary = comm.bcast(summary)
+    return shared
+
+
+def _run(case: Case, out_dir: Path, quiet: bool) -> RunSummary:
+    progress = Progress(case.run.t_end, shown=not quiet)
+    recorder = MeridianRecorder(case, out_dir)
+    with progress.running():
+        with progress.phase("compiling kernels"):
+            path = path_of(case)
+        path.count_iterations(progress.iteration)
+        recorder.begin(path)
+        crossed = False
+        for point in path.follow(case.run.t_end, case.output.times):
+            crossed = not recorder.accept(point)
+            if crossed:
+                break
+            progress.step(point.t_n)
+        failure = None if crossed else path.failure()
+        with progress.phase("localising events"):
+            events = recorder.finish(failure)
+    lines = [sentence(one) for one in events if one.get("followed", True)]
+    if failure is not None:
+        lines.append(str(failure))
+    reached = max((row["t_n"] for row in recorder.rows), default=0.0)
+    lines.append(f"{len(recorder.rows)} states up to t_n = {reached:.4f} in {out_dir}")
+    return RunSummary(failure is None, "\n".join(lines), events, len(recorder.rows))
+
+
+class MeridianRecorder:
+    """Writes a run folder from the points of a path."""
+
+    def __init__(self, case: Case, out_dir: Path) -> None:
+        """Open the folder.
+
+        Raises:
+            CaseError: The folder cannot be written.
+        """
+        self.case = case
+        self.folder = RunFolder(out_dir, case_to_toml(case, versions()), overwrite=True)
+        self.rows: list[dict[str, Any]] = []
+        self.points: list[MeridianPoint] = []
+        self._recorded: list[Event] = []
+
+    def begin(self, path: MeridianPath) -> None:
+        """Take the path whose points will come."""
+        self.path, self.shell = path, path.problem.shell
+        self._observer = CupObserver(self.shell)
+
+    def accept(self, point: MeridianPoint) -> bool:
+        """Record a point.
+
+        Returns:
+            False if a state on the followed part crosses itself: it is not a row, the run ends.
+        """
+        crossing = self_crossing(self.shell, point.state)
+        if crossing is not None and point.followed:
+            place = [float(crossing[0]), 0.0, float(crossing[1])]
+            t_n = point.t_n
+            self._recorded.append(
+                event("self_contact", "mid-surface", t_n, self._kappa(t_n), position=place)
+            )
+            return False
+        row = self._row(point, crossing is not None)
+        self.folder.append(row)
+        self.rows.append(row)
+        self.points.append(point)
+        due = any(abs(point.t_n - t) < 1e-12 for t in self.case.output.times)
+        if point.followed and (due or point.jump or point.path.is_fold):
+            where = [float(phi) for phi in azimuths(AZIMUTHS)]
+            self.folder.append_sections(
+                point.t_n, sections(self.shell, point.state, point.t_n, where)
+            )
+        return True
+
+    def finish(self, failure: OpticCupError | None) -> list[Event]:
+        """Localise and write the events, modes and pictures; return the events."""
+        if isinstance(failure, ClosureBreakdown) and failure.t_n is not None:
+            place = {
+                "layer": failure.layer,
+                "height": failure.height,
+                "position": list(failure.position),
+            }
+            self._recorded.append(
+                event(
+                    "closure_breakdown",
+                    failure.closure,
+                    failure.t_n,
+                    self._kappa(failure.t_n),
+                    **place,
+                )
+            )
+        found = crossings(self.path, self.points)
+        events = path_events(self.path, self.points, self.rows, found, self._kappa)
+        events = sorted([*events, *self._recorded], key=lambda one: float(one["t_n"]))
+        self.folder.write_events(events)
+        if found:
+            self._write_modes(found)
+        self.folder.close()
+        if self.case.output.picture and len(self.rows) > 1:
+            from opticcup_fem.plots.bifurcation import bifurcation
+            from opticcup_fem.plots.summary import summary
+
+            summary(self.folder.path)
+            bifurcation(self.folder.path)
+        return events
+
+    def _kappa(self, t_n: float) -> float:
+        return float(cap_curvature_of_case(self.case, np.float64(t_n)))
+
+    def _row(self, point: MeridianPoint, crosses: bool) -> dict[str, Any]:
+        pairs = sum(count if m == 0 else 2 * count for m, count in point.negative.items())
+        return {
+            "t_n": point.t_n,
+            "kappa_cap_R": self._kappa(point.t_n),
+            **self._observer(point.state, point.t_n),
+            "jump": point.jump,
+            "newton_iterations": point.path.iterations,
+            "negative_eigenvalues": pairs,
+            "residual": point.path.residual,
+            "energy": self.shell.energy(point.state, point.t_n),
+            "stable": point.stable,
+            "followed": point.followed,
+            "limit_point": point.path.is_fold,
+            "self_crossing": crosses,
+            "arc_length": point.path.arc,
+            **{f"negative_m{m}": count for m, count in point.negative.items()},
+        }
+
+    def _write_modes(self, found: list[Crossing]) -> None:
+        """Write modes.npz: for each crossing the state and the critical mode at the nodes."""
+        self.folder.write_modes(
+            t_n=np.array([one.t_n for one in found]),
+            wavenumber=np.array([one.wavenumber for one in found]),
+            lost=np.array([one.lost for one in found]),
+            followed=np.array([one.followed for one in found]),
+            theta=self.shell.mesh.s,
+            interface=np.array(self.shell.mesh.profile.regions["cap"][1]),
+            position=np.array([one.state.r for one in found]),
+            amplitude=np.array([one.mode.u for one in found]),
+        )
