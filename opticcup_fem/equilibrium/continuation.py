@@ -245,9 +245,11 @@ class Continuation:
         t: float,
         t_end: float,
         landings: Sequence[float] = (),
+        *,
+        lowest: float = -math.inf,
         longest: float = 60.0,
     ) -> Iterator[PathState]:
-        """Yield solutions from load ``t`` until the path passes ``t_end`` (or falls below ``t``).
+        """Yield solutions from load ``t`` until the path passes ``t_end``.
 
         Limit points are localised and yielded; so are solutions exactly at ``landings`` and
         ``t_end``, on every passage.
@@ -257,6 +259,7 @@ class Continuation:
             t: First load.
             t_end: Last load, above ``t``.
             landings: Loads to land on.
+            lowest: Load below which the path is given up as lost.
             longest: Arc length after which the path is given up as endless.
         """
         self.ending = None
@@ -278,10 +281,10 @@ class Continuation:
                 yield stop
                 if stop.t >= t_end - 1e-12 and not stop.is_fold:
                     return
-            if state.t < t - 1e-9:
+            yield state
+            if state.t < lowest:
                 self.ending = Ending(state.t, used, None)
                 return
-            yield state
             step = self._next_step(used, state.iterations)
             before, last = last, state
         self.ending = Ending(last.t, step, None)

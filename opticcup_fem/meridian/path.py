@@ -12,6 +12,10 @@ from opticcup_fem.meridian.shell import MeridianShell, MeridianState
 from opticcup_fem.meridian.waves import Waves
 from opticcup_fem.shell.fibres import LostFibre
 
+LOWEST = -0.1
+"""A deeply inverted cap may pass through t_n < 0, as one that stays inverted without growth does;
+the laws of growth go on to there."""
+
 
 @dataclass(frozen=True)
 class MeridianPoint:
@@ -82,7 +86,8 @@ class MeridianPath:
         """
         x = self.problem.pack(self.problem.shell.reference_state())
         front, fell = -1.0, False
-        for solution in self.continuation.follow(x, 0.0, t_end, [t for t in times if t > 0]):
+        landings = [t for t in times if t > 0]
+        for solution in self.continuation.follow(x, 0.0, t_end, landings, lowest=LOWEST):
             state = self.problem.unpack(solution.x)
             negative = self.waves.negative(state, solution.t)
             keeps = solution.t > front and not fell

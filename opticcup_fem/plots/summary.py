@@ -28,7 +28,8 @@ def summary(run_dir: str | Path) -> Path:
             sections.npz is there.
     """
     run_dir = Path(run_dir)
-    path, events = read_path(run_dir), read_events(run_dir)
+    path = read_path(run_dir)
+    events = [one for one in read_events(run_dir) if one.get("followed", True)]
     shown: list[KeyState] = []
     if (run_dir / SECTIONS).exists():
         shown = key_states(read_sections(run_dir), events)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -76,13 +77,10 @@ def _run(case: Case, out_dir: Path, quiet: bool) -> RunSummary:
             path = path_of(case)
         path.count_iterations(progress.iteration)
         recorder.begin(path)
-        crossed = False
         for point in path.follow(case.run.t_end, case.output.times):
-            crossed = not recorder.accept(point)
-            if crossed:
-                break
+            recorder.accept(point)
             progress.step(point.t_n)
-        failure = None if crossed else path.failure()
+        failure = path.failure()
         with progress.phase("localising events"):
             events = recorder.finish(failure)
     lines = [sentence(one) for one in events if one.get("followed", True)]
@@ -107,26 +105,32 @@ class MeridianRecorder:
         self.rows: list[dict[str, Any]] = []
         self.points: list[MeridianPoint] = []
         self._recorded: list[Event] = []
+        self._touched = False
 
     def begin(self, path: MeridianPath) -> None:
         """Take the path whose points will come."""
         self.path, self.shell = path, path.problem.shell
         self._observer = CupObserver(self.shell)
 
-    def accept(self, point: MeridianPoint) -> bool:
-        """Record a point.
-
-        Returns:
-            False if a state on the followed part crosses itself: it is not a row, the run ends.
-        """
+    def accept(self, point: MeridianPoint) -> None:
+        """Record a point; from the first that crosses itself on, no cup follows the path."""
         crossing = self_crossing(self.shell, point.state)
-        if crossing is not None and point.followed:
+        if crossing is not None and point.followed and not self._touched:
             place = [float(crossing[0]), 0.0, float(crossing[1])]
-            t_n = point.t_n
+            t_n, arc = point.t_n, point.path.arc
             self._recorded.append(
-                event("self_contact", "mid-surface", t_n, self._kappa(t_n), position=place)
+                event(
+                    "self_contact",
+                    "mid-surface",
+                    t_n,
+                    self._kappa(t_n),
+                    position=place,
+                    arc_length=arc,
+                )
             )
-            return False
+            self._touched = True
+        if self._touched:
+            point = replace(point, followed=False, jump=False)
         row = self._row(point, crossing is not None)
         self.folder.append(row)
         self.rows.append(row)
@@ -137,7 +141,6 @@ class MeridianRecorder:
             self.folder.append_sections(
                 point.t_n, sections(self.shell, point.state, point.t_n, where)
             )
-        return True
 
     def finish(self, failure: OpticCupError | None) -> list[Event]:
         """Localise and write the events, modes and pictures; return the events."""

@@ -117,11 +117,12 @@ def test_reports_where_the_domain_ends() -> None:
     assert continuation.ending.t == path[-1].t
 
 
-def test_stops_where_the_path_falls_below_its_start() -> None:
+def test_stops_where_the_path_falls_below_the_lowest_load() -> None:
     continuation = Continuation(Circle(), ArcControl(initial=0.01, largest=0.1))
-    path = list(continuation.follow(np.array([0.6]), 0.2, 5.0))
+    path = list(continuation.follow(np.array([0.6]), 0.2, 5.0, lowest=0.1))
     assert continuation.ending is not None
-    assert path[-1].t >= 0.2
+    assert path[-1].t < 0.1 <= path[-2].t
+    assert path[-1].x[0] < 0
     assert max(state.t for state in path) == pytest.approx(2.0, abs=1e-8)
 
 
