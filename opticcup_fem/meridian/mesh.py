@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import basix
@@ -120,6 +121,18 @@ class MeridianMesh:
         self.s: Array = np.empty(k * n + 1)
         self.s[self.cells] = self.vertices[:-1, None] + self.sizes[:, None] * self.node_points[:, 0]
         self.basis = element
+
+    def refined(self) -> MeridianMesh:
+        """Return the mesh whose cells are the halves of this one's."""
+        fine = copy(self)
+        fine.vertices = np.empty(2 * self.n_cells + 1)
+        fine.vertices[::2] = self.vertices
+        fine.vertices[1::2] = (self.vertices[:-1] + self.vertices[1:]) / 2
+        fine.region = {
+            name: np.arange(2 * cells[0], 2 * cells[-1] + 2) for name, cells in self.region.items()
+        }
+        fine._number()
+        return fine
 
     @property
     def n_cells(self) -> int:
