@@ -9,7 +9,7 @@ import os
 import sys
 import tempfile
 import traceback
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -22,6 +22,7 @@ from opticcup_fem.errors import CaseError, MeshError, OpticCupError
 
 if TYPE_CHECKING:
     from opticcup_fem.case import Case
+    from opticcup_fem.studies.outcome import RunSummary
 
 FAILED_RUN, BAD_INPUT = 1, 2
 
@@ -101,10 +102,8 @@ def run(
         with _one_error_for_all_ranks():
             case = _load(case_path, overrides)
             _prepare_folder(folder)
-        from opticcup_fem.studies import runner
-
         with _abort_all_ranks_on_a_bug():
-            grow = runner(case.run.model)
+            grow = _study(case.run.model)
             summary = grow(case, folder, quiet=quiet or not sys.stderr.isatty())
         _say(summary.message, err=not summary.ok)
         if not summary.ok:
@@ -159,6 +158,17 @@ def mesh(
             write_msh(surface_mesh, path)
             report = surface_mesh.report()
         _say(f"{path}: {report}")
+
+
+def _study(model: str) -> Callable[..., RunSummary]:
+    """Return what grows a cup on the discretisation ``run.model``."""
+    if model == "meridian":
+        from opticcup_fem.studies import meridian
+
+        return meridian.run
+    from opticcup_fem.studies import cup
+
+    return cup.run
 
 
 def _load(path: Path, overrides: Sequence[str]) -> Case:

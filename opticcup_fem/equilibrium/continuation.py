@@ -122,6 +122,8 @@ class ArcControl:
         iterations: Most Newton iterations of a step.
         wanted: Iterations that leave the step as it is.
         turn: Smallest cosine between neighbouring tangents.
+        drift: Largest distance of a solution from its predictor, over the step: farther away lies
+            another part of the path.
         fold_tolerance: Accuracy of the load at a limit point.
     """
 
@@ -132,6 +134,7 @@ class ArcControl:
     iterations: int = 8
     wanted: int = 4
     turn: float = 0.9
+    drift: float = 0.1
     fold_tolerance: float = 1e-8
 
     def __post_init__(self) -> None:
@@ -316,7 +319,8 @@ class Continuation:
             return attempt
         state = attempt.state
         cosine = self.problem.inner(state.dx, row) + state.dt * entry
-        if cosine < self.control.turn:
+        drift = self._length(Direction(state.x - x, state.t - t))
+        if cosine < self.control.turn or drift > self.control.drift * step:
             return _Attempt(None, attempt.iterations)
         return _Attempt(state, attempt.iterations)
 

@@ -16,7 +16,7 @@ from opticcup_fem.errors import CaseError
 # override, then what the sentence must hold
 WRONG = {
     "unknown key": ("shape.radius=50", ["shape.radius is not a known key", "shape.radius_um"]),
-    "unknown key, nothing close": ("run.colour=1", ["run.colour", "model, t_end"]),
+    "unknown key, nothing close": ("run.colour=1", ["run.colour", "model, max_wavenumber, t_end"]),
     "unknown table": ("materials.closure=paper", ["materials is not a known table", "material?"]),
     "negative ratio": ("shape.radius_over_thickness=-5", ["= -5", "at least 2"]),
     "thick ball": ("shape.radius_over_thickness=1.5", ["= 1.5", "at least 2"]),
@@ -37,7 +37,7 @@ WRONG = {
     "half a point": ("material.thickness_points=[2, 2.5, 5]", ["entry 2", "= 2.5"]),
     "shrinks to nothing": ("growth.oov=-1.0", ["growth.oov = -1.0", "rate above -1"]),
     "text for a switch": ("growth.mass_change=yes", ['"yes"', "true or false"]),
-    "model that does not exist": ("run.model=meridian", ['"meridian"', '"surface"']),
+    "model that does not exist": ("run.model=solid", ['"solid"', '"meridian"', '"surface"']),
     "no time": ("run.t_end=0", ["run.t_end = 0", "above 0"]),
     "too coarse": ("mesh.cell_size_cap=0.6", ["= 0.6", "too coarse", "0.349"]),
     "too coarse below": ("mesh.cell_size_oov=0.7", ["= 0.7", "too coarse", "0.611"]),
