@@ -2,8 +2,8 @@
 
     python benchmarks/meridian_cases.py > cases.csv
 
-Thickness rule, mesh and steps are the defaults; stability is counted in m = 0 .. 6.  Seconds are processor time
-of the path with its spectra, without the compilation of the kernels.
+Thickness rule, mesh and steps are the defaults; stability is counted in m = 0 .. 6.  Seconds are
+processor time of the path with its spectra, without the compilation of the kernels.
 """
 
 from __future__ import annotations
