@@ -88,7 +88,7 @@ def _run(case: Case, out_dir: Path, quiet: bool) -> RunSummary:
         lines.append(str(failure))
     reached = max((row["t_n"] for row in recorder.rows), default=0.0)
     lines.append(f"{len(recorder.rows)} states up to t_n = {reached:.4f} in {out_dir}")
-    # beyond a contact of the shell with itself, which ends what a cup can follow, nothing is promised
+    # a contact of the shell with itself ends what a cup can follow: nothing is promised beyond
     ok = failure is None or recorder.touched
     return RunSummary(ok, "\n".join(lines), events, len(recorder.rows))
 
