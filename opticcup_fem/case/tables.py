@@ -157,7 +157,7 @@ class Output(_Table):
         strict=False,  # a TOML array is a list
         description="t_n landed on exactly, with fields; default every 0.1 to t_end",
     )
-    fields: bool = Field(default=True, description="write fields for ParaView at output.times")
+    fields: bool = Field(default=True, description="surface: fields for ParaView at output.times")
     picture: bool = Field(default=True, description="write summary.png")
 
 
@@ -173,7 +173,7 @@ class Case(_Table):
     growth: Growth = Field(default=Growth(), description="growth factors e = 1 + rate t_n")
     run: Run = Field(default=Run(), description="discretisation and last time")
     mesh: Mesh = Field(default=Mesh(), validate_default=True, description="surface mesh")
-    solver: Solver = Field(default=Solver(), description="load stepping and Newton")
+    solver: Solver = Field(default=Solver(), description="surface: load stepping and Newton")
     output: Output = Field(default=Output(), validate_default=True, description="what is written")
 
     @field_validator("output", mode="after")

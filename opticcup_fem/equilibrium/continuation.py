@@ -250,7 +250,7 @@ class Continuation:
         landings: Sequence[float] = (),
         *,
         lowest: float = -math.inf,
-        longest: float = 60.0,
+        longest: float = 30.0,
     ) -> Iterator[PathState]:
         """Yield solutions from load ``t`` until the path passes ``t_end``.
 

@@ -8,6 +8,7 @@ from itertools import pairwise
 
 from scipy.optimize import brentq
 
+from opticcup_fem.errors import ConvergenceError
 from opticcup_fem.meridian.path import MeridianPath, MeridianPoint
 from opticcup_fem.meridian.shell import MeridianState
 from opticcup_fem.meridian.waves import Mode
@@ -41,7 +42,8 @@ def crossings(
 ) -> list[Crossing]:
     """Return all crossings between neighbouring points, in their order along the path.
 
-    In m = 0 the limit points, which the path holds itself, are not repeated.
+    In m = 0 the limit points, which the path holds itself, are not repeated.  Where no state
+    between two points can be solved for, t_n is interpolated and the first one's mode is given.
 
     Args:
         path: The path.
@@ -69,21 +71,33 @@ def _localised(
 ) -> Crossing:
     """Return where the eigenvalue of a given place in the order crosses zero."""
 
-    def eigenvalue(share: float) -> float:
+    def eigenvalue(state: MeridianState, t_n: float) -> float:
+        return path.waves.eigenvalue(state, t_n, m, index)
+
+    def at(share: float) -> float:
         solution, state = path.point_between(low, high, share)
-        return path.waves.eigenvalue(state, solution.t, m, index)
+        return eigenvalue(state, solution.t)
 
     # t_n may change little near a limit point
     width = max(abs(high.t_n - low.t_n), 1e-2 * (high.path.arc - low.path.arc))
-    share = float(brentq(eigenvalue, 0.0, 1.0, xtol=tolerance / width))
-    solution, state = path.point_between(low, high, share)
-    modes = path.waves.modes(state, solution.t, m, index + 2)
+    try:
+        share = float(brentq(at, 0.0, 1.0, xtol=tolerance / width))
+        solution, state = path.point_between(low, high, share)
+        t_n, arc = solution.t, solution.arc
+    except ConvergenceError:
+        # where many modes become critical together no state between the two can be solved for
+        ends = [eigenvalue(point.state, point.t_n) for point in (low, high)]
+        share = ends[0] / (ends[0] - ends[1])
+        t_n = low.t_n + share * (high.t_n - low.t_n)
+        arc = low.path.arc + share * (high.path.arc - low.path.arc)
+        state = low.state
+    modes = path.waves.modes(state, t_n, m, index + 2)
     return Crossing(
-        solution.t,
+        t_n,
         m,
         high.negative[m] > low.negative[m],
         low.followed and high.followed,
         state,
         min(modes, key=lambda mode: abs(mode.eigenvalue)),
-        solution.arc,
+        arc,
     )

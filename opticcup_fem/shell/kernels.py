@@ -195,8 +195,8 @@ class Kernel:
                 then summed.
 
         Returns:
-            ``into``, or a new array: (n_cells, *shape) for cells, (n_cells, n_corners, *shape)
-            for edges.
+            ``into``, or a new array: (n_cells, *shape) for cells, (n_cells, n_corners, *shape) for
+            edges.
         """
         n_cells = len(self._coordinates)
         n = n_cells * self.per_cell

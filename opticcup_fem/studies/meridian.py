@@ -88,11 +88,19 @@ def _run(case: Case, out_dir: Path, quiet: bool) -> RunSummary:
         lines.append(str(failure))
     reached = max((row["t_n"] for row in recorder.rows), default=0.0)
     lines.append(f"{len(recorder.rows)} states up to t_n = {reached:.4f} in {out_dir}")
-    return RunSummary(failure is None, "\n".join(lines), events, len(recorder.rows))
+    # a contact of the shell with itself ends what a cup can follow: nothing is promised beyond
+    ok = failure is None or recorder.touched
+    return RunSummary(ok, "\n".join(lines), events, len(recorder.rows))
 
 
 class MeridianRecorder:
-    """Writes a run folder from the points of a path."""
+    """Writes a run folder from the points of a path.
+
+    Attributes:
+        rows: The rows of path.csv.
+        points: Their points.
+        touched: Whether the followed part has come to cross itself.
+    """
 
     def __init__(self, case: Case, out_dir: Path) -> None:
         """Open the folder.
@@ -105,7 +113,7 @@ class MeridianRecorder:
         self.rows: list[dict[str, Any]] = []
         self.points: list[MeridianPoint] = []
         self._recorded: list[Event] = []
-        self._touched = False
+        self.touched = False
 
     def begin(self, path: MeridianPath) -> None:
         """Take the path whose points will come."""
@@ -115,7 +123,7 @@ class MeridianRecorder:
     def accept(self, point: MeridianPoint) -> None:
         """Record a point; from the first that crosses itself on, no cup follows the path."""
         crossing = self_crossing(self.shell, point.state)
-        if crossing is not None and point.followed and not self._touched:
+        if crossing is not None and point.followed and not self.touched:
             place = [float(crossing[0]), 0.0, float(crossing[1])]
             t_n, arc = point.t_n, point.path.arc
             self._recorded.append(
@@ -128,8 +136,8 @@ class MeridianRecorder:
                     arc_length=arc,
                 )
             )
-            self._touched = True
-        if self._touched:
+            self.touched = True
+        if self.touched:
             point = replace(point, followed=False, jump=False)
         row = self._row(point, crossing is not None)
         self.folder.append(row)
@@ -149,6 +157,7 @@ class MeridianRecorder:
                 "layer": failure.layer,
                 "height": failure.height,
                 "position": list(failure.position),
+                "followed": bool(self.points) and self.points[-1].followed,
             }
             self._recorded.append(
                 event(
