@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from opticcup_fem.equilibrium.continuation import ArcControl, Continuation, PathState
 from opticcup_fem.errors import ClosureBreakdown, ConvergenceError, OpticCupError
+from opticcup_fem.meridian.ellipticity import ellipticity
 from opticcup_fem.meridian.problem import MeridianProblem
 from opticcup_fem.meridian.shell import MeridianShell, MeridianState
 from opticcup_fem.meridian.waves import Waves
@@ -15,6 +16,9 @@ from opticcup_fem.shell.fibres import LostFibre
 LOWEST = -0.1
 """A deeply inverted cap may pass through t_n < 0, as one that stays inverted without growth does;
 the laws of growth go on to there."""
+
+NEARLY_LOST = 0.05
+"""Share of the stiffness against short waves at t_n = 0 that explains the end of a path."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +76,7 @@ class MeridianPath:
         self.continuation = Continuation(self.problem, control or ArcControl())
         self._accepted = 0
         self._last: MeridianState | None = None
+        self._first_stiffness = 0.0
 
     def count_iterations(self, count: Callable[[], None]) -> None:
         """Have ``count`` called at every Newton iteration."""
@@ -89,6 +94,8 @@ class MeridianPath:
         landings = [t for t in times if t > 0]
         for solution in self.continuation.follow(x, 0.0, t_end, landings, lowest=LOWEST):
             state = self.problem.unpack(solution.x)
+            if self._last is None:
+                self._first_stiffness = ellipticity(self.problem.shell, state, solution.t).value
             negative = self.waves.negative(state, solution.t)
             keeps = solution.t > front and not fell
             arrives = fell and solution.t >= front and solution.dt > 0 and negative[0] == 0
@@ -124,6 +131,13 @@ class MeridianPath:
             assert self._last is not None
             r, z = shell.basis[cell, point] @ self._last.r[shell.mesh.cells[cell]]
             return ClosureBreakdown(shell.closure, lost.layer, lost.height, (r, 0.0, z), ending.t)
-        return ConvergenceError(
-            f"arc length step below {ending.step:.2g}", ending.t, self._accepted, 0, float("nan")
-        )
+        reason = f"arc length step below {ending.step:.2g}"
+        if self._last is not None:
+            least = ellipticity(self.problem.shell, self._last, ending.t)
+            if least.value < NEARLY_LOST * self._first_stiffness:
+                r, z = least.position
+                reason += (
+                    f", and at (r, z) = ({r:.4g}, {z:.4g}) the closure "
+                    f"{self.problem.shell.closure} hardly resists short waves any more"
+                )
+        return ConvergenceError(reason, ending.t, self._accepted, 0, float("nan"))

@@ -15,6 +15,7 @@ from opticcup_fem.errors import ClosureBreakdown, OpticCupError
 from opticcup_fem.events import Event, event
 from opticcup_fem.meridian.contact import self_crossing
 from opticcup_fem.meridian.crossings import Crossing, crossings
+from opticcup_fem.meridian.ellipticity import ellipticity
 from opticcup_fem.meridian.events import path_events
 from opticcup_fem.meridian.layers import sections
 from opticcup_fem.meridian.mesh import Grading, MeridianMesh
@@ -114,6 +115,7 @@ class MeridianRecorder:
         self.points: list[MeridianPoint] = []
         self._recorded: list[Event] = []
         self.touched = False
+        self._elliptic = True
 
     def begin(self, path: MeridianPath) -> None:
         """Take the path whose points will come."""
@@ -137,6 +139,7 @@ class MeridianRecorder:
                 )
             )
             self.touched = True
+        self._watch_ellipticity(point)
         if self.touched:
             point = replace(point, followed=False, jump=False)
         row = self._row(point, crossing is not None)
@@ -149,6 +152,24 @@ class MeridianRecorder:
             self.folder.append_sections(
                 point.t_n, sections(self.shell, point.state, point.t_n, where)
             )
+
+    def _watch_ellipticity(self, point: MeridianPoint) -> None:
+        """Record the first followed state in which the closure does not resist short waves."""
+        if self._elliptic and point.followed:
+            least = ellipticity(self.shell, point.state, point.t_n)
+            if least.value <= 0:
+                self._elliptic = False
+                place = [least.position[0], 0.0, least.position[1]]
+                self._recorded.append(
+                    event(
+                        "closure_breakdown",
+                        "loss of ellipticity",
+                        point.t_n,
+                        self._kappa(point.t_n),
+                        position=place,
+                        arc_length=point.path.arc,
+                    )
+                )
 
     def finish(self, failure: OpticCupError | None) -> list[Event]:
         """Localise and write the events, modes and pictures; return the events."""

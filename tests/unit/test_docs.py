@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 
 import opticcup_fem
+from opticcup_fem.cli import app
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -25,7 +26,7 @@ DOCUMENTS = sorted(
     for path in ROOT.glob(pattern)
 )
 LINK = re.compile(r"\]\(([^)\s]+)\)")
-SUBCOMMANDS = ("run", "theory", "mesh")
+SUBCOMMANDS = tuple(str(command.callback.__name__) for command in app.registered_commands)
 LAUNCHER = ("OMPI_COMM_WORLD", "PMIX_", "PMI_")
 
 

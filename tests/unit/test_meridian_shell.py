@@ -12,12 +12,21 @@ import numpy as np
 import pytest
 
 from opticcup_fem.equilibrium.continuation import Continuation
+from opticcup_fem.meridian.ellipticity import ellipticity, short_wave_hessian
 from opticcup_fem.meridian.observables import CupObserver, apex_stretch, extremes
 from opticcup_fem.meridian.problem import MeridianProblem
 from opticcup_fem.meridian.shell import MeridianShell, MeridianState
+from opticcup_fem.shell.closures import resultants
+from opticcup_fem.shell.fibres import GrowthState
 from opticcup_fem.shell.growth import LinearGrowth
 from opticcup_fem.shell.section import Layer, Section
-from tests.support.meridians import PROFILES, bent_state, in_local_equilibrium, shell_on
+from tests.support.meridians import (
+    PROFILES,
+    bent_state,
+    bilayer,
+    in_local_equilibrium,
+    shell_on,
+)
 
 T_N = 0.02
 
@@ -139,3 +148,32 @@ def test_extremes_lie_inside_cells() -> None:
     low, high = extremes(mesh, values)
     assert low == pytest.approx(0.0, abs=1e-15)
     assert high == pytest.approx(0.57**2)
+
+
+def test_short_wave_stiffness_is_the_hessian_in_stretch_and_rotation() -> None:
+    """Central differences of the stress in (l, omega') at one grown, bent point."""
+    section, growth = bilayer(0.1), [GrowthState(1.2, 1.44), GrowthState(1.0, 1.0)]
+    a_ref = np.array([[1.0, 1.0, 0.0]])
+
+    def evaluate(stretch: float, turn: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        forms = np.array([[stretch**2, 1.1, 0.0, stretch * turn, -0.8, 0.0]])
+        result = resultants("layer-stretch", section, growth, forms, a_ref, -1.0)
+        assert result.tangent is not None
+        return forms, result.stress, result.tangent
+
+    def gradient(x: np.ndarray) -> np.ndarray:
+        _, stress, _ = evaluate(*x)
+        w_a, w_b = stress[0, 0], stress[0, 3]
+        return np.array([2 * x[0] * w_a + x[1] * w_b, x[0] * w_b])
+
+    x, step, h = np.array([1.05, 0.4]), 1e-6, 0.1
+    rows = [(gradient(x + step * e) - gradient(x - step * e)) / (2 * step) for e in np.eye(2)]
+    scale = np.diag([1.0, 1 / h])
+    np.testing.assert_allclose(
+        short_wave_hessian(*evaluate(*x), h)[0], scale @ np.array(rows) @ scale, rtol=1e-6
+    )
+
+
+def test_the_reference_resists_short_waves() -> None:
+    shell = shell_on(PROFILES["closed"])
+    assert ellipticity(shell, shell.reference_state(), 0.0).value > 0

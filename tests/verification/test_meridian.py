@@ -7,7 +7,6 @@ good to about 2e-4 (t_b +-0.0005, smooth t_2 +-0.003).
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -50,7 +49,6 @@ class Followed:
     points: list[MeridianPoint]
     rows: pd.DataFrame
     events: list[Event]
-    seconds: float
 
     def of_kind(self, kind: str, **fields: Any) -> list[Event]:
         """Return the events of a kind with given fields."""
@@ -90,9 +88,7 @@ def follow(case: Case) -> Followed:
     def kappa(t_n: float) -> float:
         return float(cap_curvature_of_case(case, np.float64(t_n)))
 
-    start = time.perf_counter()
     points = list(path.follow(1.0, TIMES))
-    seconds = time.perf_counter() - start
     assert path.failure() is None
     rows = [
         {"t_n": p.t_n, "kappa_cap_R": kappa(p.t_n), "jump": p.jump, "followed": p.followed}
@@ -100,7 +96,7 @@ def follow(case: Case) -> Followed:
         for p in points
     ]
     events = path_events(path, points, rows, crossings(path, points), kappa)
-    return Followed(points, pd.DataFrame(rows), events, seconds)
+    return Followed(points, pd.DataFrame(rows), events)
 
 
 @cache
@@ -207,11 +203,6 @@ def test_paper_closure_breaks_down_and_says_where() -> None:
     assert failure is not None
     assert "layer oov" in str(failure)
     assert failure.height < -0.09  # type: ignore[attr-defined]
-
-
-def test_cost() -> None:
-    """The path in 5 s and all spectra for m = 0 .. 8 in 20 s; here both together, tolerantly."""
-    assert cup(5.0).seconds < 25
 
 
 def test_mesh_convergence_of_limit_points() -> None:
