@@ -79,8 +79,8 @@ void loop_over_entities(uintptr_t kernel, long n, double* A, long n_A, long per_
 
 
 def cache_folder() -> Path:
-    """Return the folder of compiled kernels (the one that dolfinx uses)."""
-    return Path(jit.get_options(None)["cache_dir"])
+    """Return the folder of our compiled kernels, inside the one that dolfinx uses."""
+    return Path(jit.get_options(None)["cache_dir"]) / "opticcup"
 
 
 @contextmanager
@@ -157,11 +157,10 @@ class Kernel:
             coordinates: Corners of the rank's cells, shape (n_cells, n_corners, 3).
         """
         form = integral.form
+        options = {**JIT_OPTIONS, "cache_dir": str(cache_folder())}
 
         def compile_form() -> tuple[Any, Any, Any]:
-            compiled: tuple[Any, Any, Any] = jit.ffcx_jit(
-                MPI.COMM_SELF, form, jit_options=JIT_OPTIONS
-            )
+            compiled: tuple[Any, Any, Any] = jit.ffcx_jit(MPI.COMM_SELF, form, jit_options=options)
             return compiled
 
         self._compiled, self._module, _ = _root_first(comm, compile_form)
