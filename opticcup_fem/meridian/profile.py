@@ -43,13 +43,8 @@ class Profile(Protocol):
 
 
 @dataclass(frozen=True)
-class ClosedSphere:
-    """The sphere of a given radius: cap and OOV, which meet at a colatitude.
-
-    Attributes:
-        opening_angle: Colatitude alpha of the interface, radians.
-        radius: Radius R.
-    """
+class _Spherical:
+    """What a closed sphere and an open cap of it share."""
 
     opening_angle: float
     radius: float = 1.0
@@ -63,20 +58,9 @@ class ClosedSphere:
         _check_sphere(self.opening_angle, self.radius)
 
     @property
-    def regions(self) -> Mapping[str, tuple[float, float]]:
-        """See ``Profile``."""
-        interface = self.opening_angle * self.radius
-        return {"cap": (0.0, interface), "oov": (interface, math.pi * self.radius)}
-
-    @property
     def curvature(self) -> float:
         """See ``Profile``."""
         return -1.0 / self.radius
-
-    @property
-    def is_closed(self) -> bool:
-        """See ``Profile``."""
-        return True
 
     def position(self, s: Array) -> Array:
         """See ``Profile``."""
@@ -88,7 +72,28 @@ class ClosedSphere:
 
 
 @dataclass(frozen=True)
-class OpenCap:
+class ClosedSphere(_Spherical):
+    """The sphere of a given radius: cap and OOV, which meet at a colatitude.
+
+    Attributes:
+        opening_angle: Colatitude alpha of the interface, radians.
+        radius: Radius R.
+    """
+
+    @property
+    def regions(self) -> Mapping[str, tuple[float, float]]:
+        """See ``Profile``."""
+        interface = self.opening_angle * self.radius
+        return {"cap": (0.0, interface), "oov": (interface, math.pi * self.radius)}
+
+    @property
+    def is_closed(self) -> bool:
+        """See ``Profile``."""
+        return True
+
+
+@dataclass(frozen=True)
+class OpenCap(_Spherical):
     """A spherical cap with a free rim; its one region is "cap".
 
     Attributes:
@@ -96,39 +101,15 @@ class OpenCap:
         radius: Radius R of the sphere.
     """
 
-    opening_angle: float
-    radius: float = 1.0
-
-    def __post_init__(self) -> None:
-        """Refuse a cap that is empty or the whole sphere.
-
-        Raises:
-            CaseError: The opening angle or the radius is out of range.
-        """
-        _check_sphere(self.opening_angle, self.radius)
-
     @property
     def regions(self) -> Mapping[str, tuple[float, float]]:
         """See ``Profile``."""
         return {"cap": (0.0, self.opening_angle * self.radius)}
 
     @property
-    def curvature(self) -> float:
-        """See ``Profile``."""
-        return -1.0 / self.radius
-
-    @property
     def is_closed(self) -> bool:
         """See ``Profile``."""
         return False
-
-    def position(self, s: Array) -> Array:
-        """See ``Profile``."""
-        return _circle(s, self.radius)
-
-    def angle(self, s: Array) -> Array:
-        """See ``Profile``."""
-        return np.asarray(-s / self.radius)
 
 
 @dataclass(frozen=True)
