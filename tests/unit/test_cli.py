@@ -73,7 +73,14 @@ WRONG = {
     "override form": (["run", CHICK, "--set", "seed"], ["table.key=value"]),
     "negative thickness": (["run", CHICK, "--set", "material.thickness_ratio=-1"], ["above 0"]),
     "alpha": (["theory", CHICK, "--set", "shape.opening_angle_deg=200"], ["at most 90"]),
-    "incompressible": (["run", CHICK, "--set", "material.poisson_ratio=.5"], ["below 0.5"]),
+    "beyond incompressible": (
+        ["run", CHICK, "--set", "material.poisson_ratio=.51"],
+        ["at most 0.5"],
+    ),
+    "no incompressible limit": (
+        ["run", CHICK, "--set", "material.poisson_ratio=.5", "--set", "material.closure=paper"],
+        ["material.poisson_ratio = 0.5", "layer-stretch"],
+    ),
     "closure": (["run", CHICK, "--set", "material.closure=stationary"], ['"layer-stretch"']),
     "unit": (["run", CHICK, "--set", "shape.radius_um=0.05 mm"], ['"0.05 mm"', "micrometres"]),
     "type": (["run", CHICK, "--set", "growth.iov=true"], ["growth.iov = true", "a number"]),
