@@ -1,4 +1,4 @@
-"""The commands that compute many cups: `sweep`."""
+"""The commands that compute many cups: `sweep`, `reproduce`."""
 
 from __future__ import annotations
 
@@ -55,3 +55,40 @@ def sweep(
         say(outcome.message, err=outcome.failed > 0)
         if outcome.failed:
             raise typer.Exit(FAILED_RUN)
+
+
+def reproduce(
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[NAME]...", help="Figures, e.g. fig1 fig4 s6; default all."),
+    ] = None,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder of the report.")] = Path(
+        "results/report"
+    ),
+    experiment: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.csv", help="Measured points for Fig. 1: t_n, D_over_r, lambda_iov."
+        ),
+    ] = None,
+    processes: Processes = None,
+    quiet: Quiet = False,
+) -> None:
+    """Remake the paper's figures from computations; write report/index.html.
+
+    NAME is fig1, fig2, fig3, fig4, s1 .. s6, readings, mass-off or surface. What is computed is
+    kept in a cache: a run that was interrupted goes on, and a repeated one only draws.
+    """
+    with errors_as_one_line():
+        with one_error_for_all_ranks():
+            from opticcup_fem.report import command
+
+            chosen = command.checked_names(names or [])
+            measured = None if experiment is None else command.read_experiment(experiment)
+            prepare_folder(out)
+        with abort_all_ranks_on_a_bug():
+            silent = quiet or not sys.stderr.isatty()
+            outcome = command.run(
+                chosen, out, experiment=measured, processes=processes, quiet=silent
+            )
+        say(outcome.message)
