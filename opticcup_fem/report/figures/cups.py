@@ -166,7 +166,7 @@ def slenderness_figure(results: Results) -> Drawn:
         )
     text = [
         "(a) D/r at 40 degrees for R/h = 5 to 20; full lines up to the loss of symmetry, dashed "
-        "the axisymmetric path beyond it, which a cup without imperfections would have to balance on. "
+        "the axisymmetric path beyond it, on which only a perfect cup could balance. "
         "(b) Meridian sections with their layers: R/h = 5 (top) to the deep cup, R/h = 15 (bottom) "
         "up to its loss of symmetry; the shape after it is not axisymmetric.",
     ]
@@ -230,7 +230,7 @@ def drive_figure(results: Results) -> Drawn:
     if line is not None:
         axes.plot(theta, line(theta), color=style.CURVES[0], lw=1.0)
         text = rf"${line.slope:.2f}\,\bar\theta {line.offset:+.2f}$"
-        axes.annotate(text, (theta[-4], line(theta[-4])), (8, -14), textcoords="offset points")
+        axes.text(0.97, 0.08, text, transform=axes.transAxes, ha="right", color=style.CURVES[0])
     axes.legend(loc="upper left")
     labelled(axes, THETA, r"critical curvature at primary invagination", "a")
     axes = panels[1]

@@ -9,9 +9,8 @@ from __future__ import annotations
 import multiprocessing
 import os
 import threading
-from collections import Counter
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from typing import cast
@@ -22,9 +21,6 @@ from opticcup_fem.studies.sweep.tasks import compute
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """One thread a process: the tasks are the parallelism."""
-
-MOST_DEATHS = 2
-"""A task that was under way whenever a worker died, this often, is given up."""
 
 
 class Engine:
@@ -61,18 +57,39 @@ class Engine:
                 records[task] = known
         missing = [task for task in dict.fromkeys(tasks) if task not in records]
         self.bar.begin(what, len(missing), len(records))
-        deaths: Counter[Task] = Counter()
-        while missing:
-            futures: dict[Future[Record], Task] = {}
-            try:
-                futures = {self._executor.submit(compute, task): task for task in missing}
-                for future in as_completed(futures):
-                    records[futures[future]] = self._kept(futures[future], future.result())
-            except BrokenProcessPool:
-                deaths.update(t for t in futures.values() if t not in records)
-                self._restart(missing, records, deaths)
-            missing = [task for task in missing if task not in records]
+        for task, record in self._computed(missing):
+            records[task] = record
         return [records[task] for task in tasks]
+
+    def _computed(self, tasks: Sequence[Task]) -> Iterator[tuple[Task, Record]]:
+        """Yield the records of tasks as they come; a task whose process dies is one that failed."""
+        waiting = list(reversed(tasks))
+        under_way: dict[Future[Record], Task] = {}
+        while waiting or under_way:
+            # no more than there are processes: if one dies, it died of one of these
+            while waiting and len(under_way) < self._processes:
+                task = waiting.pop()
+                under_way[self._executor.submit(compute, task)] = task
+            done, _ = wait(under_way, return_when=FIRST_COMPLETED)
+            try:
+                for future in done:
+                    record = future.result()
+                    yield self._kept(under_way.pop(future), record)
+            except BrokenProcessPool:
+                self._executor = _process_pool(self._processes)
+                suspects = list(under_way.values())
+                under_way.clear()
+                for task in suspects:
+                    yield self._kept(task, self._alone(task))
+
+    def _alone(self, task: Task) -> Record:
+        """Return the record of a task with no other under way."""
+        try:
+            return self._executor.submit(compute, task).result()
+        except BrokenProcessPool:
+            self._executor = _process_pool(self._processes)
+            reason = "the process that computed it died (out of memory?)"
+            return {"status": "failed", "reason": reason, "row": {}, "unforeseen": True}
 
     def _kept(self, task: Task, record: Record) -> Record:
         if not record.pop("unforeseen", False):
@@ -81,30 +98,9 @@ class Engine:
         self.bar.advance(failed=record["status"] == "failed")
         return record
 
-    def _restart(
-        self, tasks: Sequence[Task], records: dict[Task, Record], deaths: Counter[Task]
-    ) -> None:
-        """Start a new pool after a worker died; give up the task that it died of.
-
-        Which task that was is known once tasks are handed out one at a time.
-        """
-        self._executor = _process_pool(self._processes)
-        if max(deaths.values()) < MOST_DEATHS:
-            return
-        for task in [task for task in tasks if task not in records]:
-            try:
-                record = self._executor.submit(compute, task).result()
-            except BrokenProcessPool:
-                self._executor = _process_pool(self._processes)
-                reason = "the process that computed it died (out of memory?)"
-                records[task] = {"status": "failed", "reason": reason, "row": {}}
-                self.bar.advance(failed=True)
-            else:
-                records[task] = self._kept(task, record)
-
-    def close(self, wait: bool) -> None:
-        """Shut the executor down; without ``wait`` what is under way is abandoned."""
-        self._executor.shutdown(wait=wait, cancel_futures=True)
+    def close(self, patiently: bool) -> None:
+        """Shut the executor down; if not ``patiently``, what is under way is abandoned."""
+        self._executor.shutdown(wait=patiently, cancel_futures=True)
 
 
 @contextmanager
@@ -138,9 +134,9 @@ def engine_of(
         try:
             yield engine
         except BaseException:
-            engine.close(wait=False)
+            engine.close(patiently=False)
             raise
-        engine.close(wait=True)
+        engine.close(patiently=True)
 
 
 def under_mpi() -> bool:
