@@ -41,7 +41,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-for command in (cli_studies.sweep, cli_studies.reproduce):
+for command in (cli_studies.sweep, cli_studies.reproduce, cli_studies.predict):
     app.command()(command)
 
 CasePath = Annotated[Path, typer.Argument(metavar="CASE.toml", hidden=True)]

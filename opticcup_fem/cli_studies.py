@@ -1,10 +1,10 @@
-"""The commands that compute many cups: `sweep`, `reproduce`."""
+"""The commands that compute many cups: `sweep`, `reproduce`, `predict`."""
 
 from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -16,6 +16,7 @@ from opticcup_fem.cli_tools import (
     prepare_folder,
     say,
 )
+from opticcup_fem.errors import CaseError
 
 StudyPath = Annotated[Path, typer.Argument(metavar="STUDY.toml", hidden=True)]
 Processes = Annotated[
@@ -92,3 +93,47 @@ def reproduce(
                 chosen, out, experiment=measured, processes=processes, quiet=silent
             )
         say(outcome.message)
+
+
+def predict(
+    radius: Annotated[float, typer.Option("--R", metavar="UM", help="R in micrometres.")] = 50.0,
+    thickness: Annotated[float, typer.Option("--h", metavar="UM", help="h in micrometres.")] = 10.0,
+    alpha: Annotated[float, typer.Option(metavar="DEG", help="Opening angle in degrees.")] = 40.0,
+    m: Annotated[float, typer.Option("--m", help="Thickness ratio h_ECM/h_IOV.")] = 1 / 9,
+    n: Annotated[float, typer.Option("--n", help="Modulus ratio mu_ECM/mu_IOV.")] = 50.0,
+    nu: Annotated[float, typer.Option(help="Poisson ratio.")] = 0.45,
+    iov: Annotated[float, typer.Option(help="Growth rate of the IOV.")] = 5.0,
+    oov: Annotated[float, typer.Option(help="Growth rate of the OOV.")] = 1.5,
+    mass_change: Annotated[
+        bool, typer.Option(help="Density-preserving growth: stress factor e^2.")
+    ] = True,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder.")] = Path("results/predict"),
+    processes: Processes = None,
+    quiet: Quiet = False,
+) -> None:
+    """Say what becomes of one geometry, and what 10 % more or less of each parameter does.
+
+    Normal or abnormal, at which time, by which mode, how far from the boundary; a tornado plot.
+    The axisymmetric path and its stability are computed, not read off the scaling laws.
+    """
+    with errors_as_one_line():
+        with one_error_for_all_ranks():
+            for name, value in (("--R", radius), ("--h", thickness)):
+                if not value > 0:
+                    raise CaseError(f"{name} = {value:g} is not possible: give a length above 0")
+            from opticcup_fem.studies import predict as study
+
+            tables: dict[str, dict[str, Any]] = {
+                "shape": {"opening_angle_deg": alpha},
+                "material": {"thickness_ratio": m, "modulus_ratio": n, "poisson_ratio": nu},
+                "growth": {"iov": iov, "oov": oov, "mass_change": mass_change},
+                "output": {"times": [0.5, 1.0]},
+            }
+            geometry = study.Geometry(radius, thickness, tables)
+            geometry.case()
+            prepare_folder(out)
+        with abort_all_ranks_on_a_bug():
+            silent = quiet or not sys.stderr.isatty()
+            forecast = study.run(geometry, out, processes=processes, quiet=silent)
+        if forecast is not None:
+            say("\n".join([*forecast.sentences(), f"plot and table in {out}"]))

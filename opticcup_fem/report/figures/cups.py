@@ -229,8 +229,8 @@ def drive_figure(results: Results) -> Drawn:
     comparisons = []
     if line is not None:
         axes.plot(theta, line(theta), color=style.CURVES[0], lw=1.0)
-        text = rf"${line.slope:.2f}\,\bar\theta {line.offset:+.2f}$"
-        axes.text(0.97, 0.08, text, transform=axes.transAxes, ha="right", color=style.CURVES[0])
+        words = rf"${line.slope:.2f}\,\bar\theta {line.offset:+.2f}$"
+        axes.text(0.97, 0.08, words, transform=axes.transAxes, ha="right", color=style.CURVES[0])
     axes.legend(loc="upper left")
     labelled(axes, THETA, r"critical curvature at primary invagination", "a")
     axes = panels[1]

@@ -53,7 +53,7 @@ class Task:
     """One thing to compute.
 
     Attributes:
-        kind: A key of ``tasks.KINDS``.
+        kind: A key of ``tasks.KINDS``, or the function itself as ``module:function``.
         model: A key of ``SOURCES``.
         parameters: JSON text of what it is computed from, keys sorted.
     """

@@ -74,13 +74,14 @@ class Engine:
             try:
                 for future in done:
                     record = future.result()
-                    yield self._kept(under_way.pop(future), record)
+                    task = under_way.pop(future)
+                    yield task, self._kept(task, record)
             except BrokenProcessPool:
                 self._executor = _process_pool(self._processes)
                 suspects = list(under_way.values())
                 under_way.clear()
                 for task in suspects:
-                    yield self._kept(task, self._alone(task))
+                    yield task, self._kept(task, self._alone(task))
 
     def _alone(self, task: Task) -> Record:
         """Return the record of a task with no other under way."""

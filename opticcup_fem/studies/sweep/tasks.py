@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import json
 import traceback
 from typing import Any
 
@@ -17,7 +18,7 @@ KINDS = {
     "plate": f"{_HERE}.meridian_tasks:plate",
     "surface_cup": f"{_HERE}.surface_task:surface_cup",
 }
-"""Module and function of each kind: parameters in, a record out."""
+"""Module and function of each kind: parameters in, a record out.  Other kinds are such a name."""
 
 _UNUSED: dict[str, tuple[str, ...]] = {"meridian": ("mesh", "solver"), "surface": ()}
 
@@ -43,9 +44,7 @@ def compute(task: Task) -> Record:
 
     A failure that the package did not foresee carries ``unforeseen``: it is not to be kept.
     """
-    import json
-
-    module, name = KINDS[task.kind].split(":")
+    module, name = KINDS.get(task.kind, task.kind).split(":")
     try:
         function = getattr(importlib.import_module(module), name)
         record: Record = function(json.loads(task.parameters))
