@@ -94,6 +94,19 @@ WRONG = {
 }
 
 
+WRONG_STUDIES = {
+    "no such study": (["sweep", "absent.toml"], ["absent.toml", "no such file"]),
+    "study not TOML": (["sweep", "broken.toml"], ["broken.toml", "not valid TOML"]),
+    "not a figure": (["reproduce", "fig7"], ["fig7 is not a figure", "fig4"]),
+    "no measurements": (
+        ["reproduce", "--experiment", "absent.csv"],
+        ["absent.csv", "cannot be read"],
+    ),
+    "thickness": (["predict", "--h", "0"], ["--h = 0", "above 0"]),
+    "thicker than wide": (["predict", "--h", "40"], ["radius_over_thickness", "at least 2"]),
+}
+
+
 @pytest.mark.parametrize(("arguments", "parts"), WRONG.values(), ids=WRONG.keys())
 def test_wrong_input_gets_one_line_and_code_2(invoke, tmp_path, study, arguments, parts):
     (tmp_path / "broken.toml").write_text("[shape\n", encoding="utf-8")
@@ -133,6 +146,17 @@ def test_run_hands_over_the_case_and_the_folder(invoke, study, tmp_path):
     assert quiet  # not on a terminal
     invoke("run", CHICK)
     assert study.arguments[1] == Path("results/chick")
+
+
+@pytest.mark.parametrize(("arguments", "parts"), WRONG_STUDIES.values(), ids=WRONG_STUDIES.keys())
+def test_wrong_studies_get_one_line_and_code_2(invoke, tmp_path, arguments, parts):
+    (tmp_path / "broken.toml").write_text("[shape\n", encoding="utf-8")
+    result = invoke(*arguments)
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert result.stderr.startswith("error: ")
+    assert result.stderr.count("\n") == 1
+    for part in parts:
+        assert part in result.stderr
 
 
 @pytest.mark.parametrize(

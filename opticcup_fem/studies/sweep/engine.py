@@ -118,8 +118,11 @@ def engine_of(
     for name in THREADS:
         os.environ.setdefault(name, "1")
     if under_mpi():
+        # PETSc and SLEPc start together on all ranks; a task would start them on its own
         from mpi4py import MPI
         from mpi4py.futures import MPICommExecutor
+        from petsc4py import PETSc  # noqa: F401
+        from slepc4py import SLEPc  # noqa: F401
 
         with MPICommExecutor(MPI.COMM_WORLD, root=0) as found:
             executor: Executor | None = cast("Executor | None", found)
