@@ -71,7 +71,8 @@ class LawFits:
         primary: (3), kappa_1 R over (1 + Gamma) theta_bar.
         snapping: The same, of those cups only whose primary invagination is a fold.
         secondary: (4), kappa_2 R over R/h, of normal cups.
-        buckling: (5), kappa_b R over its bracket, of abnormal cups.
+        buckling: (5), kappa_b R over its bracket, of abnormal cups that invaginate first; slender
+            ones, which the primary invagination itself throws out of symmetry, are left out.
     """
 
     primary: Line | None
@@ -128,7 +129,7 @@ def fit_laws(rows: Iterable[Row], gamma: float, plate_factor: float) -> LawFits:
         line(primary, "1"),
         line((r for r in primary if r["type_1"] == "fold"), "1"),
         line((r for r in rows if regime(r) == "normal"), "2"),
-        line((r for r in rows if regime(r) == "abnormal"), "b"),
+        line((r for r in rows if regime(r) == "abnormal" and r["type_b"] == "bifurcation"), "b"),
     )
 
 

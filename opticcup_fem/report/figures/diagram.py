@@ -64,14 +64,15 @@ def draw_diagram(
     first = np.array([r["kappa_1"] for r in rows], float)
     second = np.array([_second_kappa(r, top) for r in rows], float)
     fates = [regime(r) for r in rows]
-    axes.fill_between(theta, first, second, color=REGION_COLOURS["invaginated"], lw=0)
     edges = np.concatenate([[theta[0]], (theta[1:] + theta[:-1]) / 2, [theta[-1]]])
-    for name in ("normal", "abnormal"):
-        for i, fate in enumerate(fates):
-            if fate == name:
-                x = np.array([edges[i], theta[i], edges[i + 1]])
-                y = np.interp(x, theta, second)
-                axes.fill_between(x, y, top, color=REGION_COLOURS[name], lw=0)
+    for i, fate in enumerate(fates):
+        x = np.array([edges[i], theta[i], edges[i + 1]])
+        # a boundary runs on between neighbours of one regime and ends between two
+        y = np.array([_between(second, fates, i, -1), second[i], _between(second, fates, i, 1)])
+        low = np.interp(x, theta, first)
+        axes.fill_between(x, low, y, color=REGION_COLOURS["invaginated"], lw=0)
+        if fate in ("normal", "abnormal"):
+            axes.fill_between(x, y, top, color=REGION_COLOURS[fate], lw=0)
     for row, fate in zip(rows, fates, strict=True):
         mark(axes, row["theta_bar"], row["kappa_1"], "primary_invagination", style.INK, 4.5)
         if fate == "normal":
@@ -87,6 +88,13 @@ def draw_diagram(
     axes.set_xlim(theta[0], theta[-1])
     axes.set_ylim(0, top)
     axes.grid(False)
+
+
+def _between(values: Any, fates: Sequence[str], at: int, side: int) -> float:
+    other = at + side
+    if not 0 <= other < len(fates) or fates[other] != fates[at]:
+        return float(values[at])
+    return float(values[at] + values[other]) / 2
 
 
 def _second_kappa(row: Row, top: float) -> float:
@@ -154,7 +162,9 @@ def phase_figure(results: Results) -> Drawn:
         "Full lines: the laws (3), (4), (5) fitted to these points (where an angle lacks points of "
         "a regime, to all angles together); dashed: with the paper's coefficients. Dotted, "
         "vertical: theta_s and theta_b by bisection. Where the blue region reaches the top neither "
-        "second event comes up to t_n = 1: the apex no longer descends a second time.",
+        "second event comes up to t_n = 1: the apex no longer descends a second time. Squares on "
+        "the lowest line are cups so slender that the primary invagination itself throws them out "
+        "of symmetry; (5) is fitted without them.",
     ]
     shown = {
         "Fitted coefficients, 95 % confidence intervals": tables["fig4_fits"],
@@ -184,10 +194,14 @@ def _legend(axes: Axes) -> None:
     from matplotlib.patches import Patch
 
     handles = event_handles(list(EVENT_COLOURS), EVENT_COLOURS)
-    handles += [Patch(color=colour, label=name) for name, colour in REGION_COLOURS.items()]
+    for name, colour in REGION_COLOURS.items():
+        handles.append(Patch(facecolor=colour, edgecolor=style.REFERENCE, lw=0.6, label=name))
     for line, label in (("-", "laws, fitted here"), ("--", "laws, paper's coefficients")):
         handles.append(Line2D([], [], color=style.INK, ls=line, lw=1.0, label=label))
-    axes.legend(handles=handles, loc="upper left", bbox_to_anchor=(0.0, 0.95))
+    axes.legend(
+        handles=handles, loc="upper left", bbox_to_anchor=(0.02, 0.94), frameon=True,
+        facecolor="white", edgecolor="white", framealpha=0.85,
+    )  # fmt: skip
 
 
 def _draw_transitions(
