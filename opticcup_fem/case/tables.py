@@ -106,6 +106,10 @@ class Run(_Table):
         default="surface",
         description="discretisation: whole surface, or axisymmetric",
     )
+    follow: Literal["stable", "axisymmetric"] = Field(
+        default="stable",
+        description="surface: what a tissue would do, or the axisymmetric states, stable or not",
+    )
     max_wavenumber: int = Field(
         default=8, ge=2, le=40, description="meridian: stability is counted for m = 0 .. this"
     )

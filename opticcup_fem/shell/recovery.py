@@ -185,6 +185,21 @@ def capture(shell: Shell, state: ShellState, t_n: float) -> Snapshot | None:
     return None if gathered is None else _joined(shell, gathered, t_n)
 
 
+def gather_nodes(shell: Shell, values: Array) -> Array | None:
+    """Return nodal values of all ranks in the order of a snapshot's nodes (collective).
+
+    Args:
+        shell: The shell.
+        values: Shape (n_nodes, ...), local nodes.
+
+    Returns:
+        Shape (n_global_nodes, ...) on rank 0, None elsewhere.
+    """
+    owned = shell.spaces.position.dofmap.index_map.size_local
+    parts = shell.comm.gather(values[:owned])
+    return None if parts is None else np.concatenate(parts)
+
+
 class _Part(NamedTuple):
     """What one rank knows of a snapshot; nodes by global number."""
 
