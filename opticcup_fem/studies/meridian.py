@@ -223,7 +223,8 @@ class MeridianRecorder:
             "limit_point": point.path.is_fold,
             "self_crossing": crosses,
             "arc_length": point.path.arc,
-            **{f"negative_m{m}": count for m, count in point.negative.items()},
+            **{f"negative_m{m}": one.negative for m, one in point.spectra.items()},
+            **{f"eigenvalue_m{m}": one.nearest for m, one in point.spectra.items()},
         }
 
     def _write_modes(self, found: list[Crossing]) -> None:
