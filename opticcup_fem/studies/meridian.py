@@ -22,6 +22,7 @@ from opticcup_fem.meridian.mesh import Grading, MeridianMesh
 from opticcup_fem.meridian.observables import CupObserver
 from opticcup_fem.meridian.path import MeridianPath, MeridianPoint
 from opticcup_fem.meridian.profile import ClosedSphere
+from opticcup_fem.meridian.revolution import SEGMENTS, Revolution
 from opticcup_fem.meridian.shell import MeridianShell
 from opticcup_fem.meridian.waves import Waves
 from opticcup_fem.records import AZIMUTHS, RunFolder
@@ -121,6 +122,7 @@ class MeridianRecorder:
         """Take the path whose points will come."""
         self.path, self.shell = path, path.problem.shell
         self._observer = CupObserver(self.shell)
+        self._revolution = Revolution(self.shell)
 
     def accept(self, point: MeridianPoint) -> None:
         """Record a point; from the first that crosses itself on, no cup follows the path."""
@@ -147,6 +149,8 @@ class MeridianRecorder:
         self.rows.append(row)
         self.points.append(point)
         due = any(abs(point.t_n - t) < 1e-12 for t in self.case.output.times)
+        if point.followed and due and self.case.output.fields:
+            self.folder.write_fields(self._revolution.snapshot(point.state, point.t_n))
         if point.followed and (due or point.jump or point.path.is_fold):
             where = [float(phi) for phi in azimuths(AZIMUTHS)]
             self.folder.append_sections(
@@ -228,7 +232,7 @@ class MeridianRecorder:
         }
 
     def _write_modes(self, found: list[Crossing]) -> None:
-        """Write modes.npz: for each crossing the state and the critical mode at the nodes."""
+        """Write for each crossing the state and the critical mode, as curves and in space."""
         self.folder.write_modes(
             t_n=np.array([one.t_n for one in found]),
             wavenumber=np.array([one.wavenumber for one in found]),
@@ -239,3 +243,10 @@ class MeridianRecorder:
             position=np.array([one.state.r for one in found]),
             amplitude=np.array([one.mode.u for one in found]),
         )
+        if self.case.output.fields:
+            for one in found:
+                # nine nodes and more on a wave
+                surface = Revolution(self.shell, max(SEGMENTS, 3 * one.wavenumber))
+                self.folder.write_mode_fields(
+                    surface.snapshot(one.state, one.t_n), surface.wave(one.mode.u, one.wavenumber)
+                )
