@@ -21,7 +21,7 @@ from opticcup_fem.meridian.layers import sections
 from opticcup_fem.meridian.mesh import Grading, MeridianMesh
 from opticcup_fem.meridian.observables import CupObserver
 from opticcup_fem.meridian.path import MeridianPath, MeridianPoint
-from opticcup_fem.meridian.profile import ClosedSphere
+from opticcup_fem.meridian.profile import ClosedSphere, Disc, OpenCap, Profile
 from opticcup_fem.meridian.revolution import SEGMENTS, Revolution
 from opticcup_fem.meridian.shell import MeridianShell
 from opticcup_fem.meridian.waves import Waves
@@ -35,14 +35,32 @@ from opticcup_fem.versions import versions
 
 
 def grading_of(case: Case) -> Grading:
-    """Return cells that resolve the bending length sqrt(R h): 0.3 of it, and 0.1 R at most."""
-    return Grading(largest=min(0.1, 0.3 * case.shape.thickness**0.5))
+    """Return cells that resolve the bending length sqrt(R h): 0.3 of it, and 0.1 R at most.
+
+    An open cap has ten cells or more, however small it is.
+    """
+    largest = min(0.1, 0.3 * case.shape.thickness**0.5)
+    if case.shape.kind == "cap":
+        largest = min(largest, case.shape.opening_angle / 10)
+    return Grading(largest, at_rim=min(0.02, largest / 2))
+
+
+def profile_of(case: Case) -> Profile:
+    """Return the reference meridian of a case, in units of R."""
+    shape = case.shape
+    if shape.kind == "disk":
+        return Disc()
+    kind = OpenCap if shape.kind == "cap" else ClosedSphere
+    return kind(shape.opening_angle)
 
 
 def shell_of(case: Case) -> MeridianShell:
     """Return the axisymmetric shell of a case."""
-    mesh = MeridianMesh(ClosedSphere(case.shape.opening_angle), grading_of(case))
-    return MeridianShell(mesh, sections_of(case), growth_of(case), case.material.closure)
+    mesh, sections = MeridianMesh(profile_of(case), grading_of(case)), sections_of(case)
+    laws = growth_of(case)
+    return MeridianShell(
+        mesh, {name: sections[name] for name in mesh.region}, laws, case.material.closure
+    )
 
 
 def path_of(case: Case) -> MeridianPath:
