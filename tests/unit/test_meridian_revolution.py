@@ -39,7 +39,8 @@ def test_cells_cover_the_surface_once_and_wind_outwards(name: str, area: float, 
     points = pieces.matrix @ snapshot.position
     corners = points[pieces.triangles]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
-    assert np.linalg.norm(normals, axis=1).sum() == pytest.approx(area, rel=2e-3)
+    # 54 chords around the axis lose 2e-3 of a circle
+    assert np.linalg.norm(normals, axis=1).sum() == pytest.approx(area, rel=3e-3)
     outwards = corners.mean(axis=1) if name != "disc" else np.array([[0.0, 0.0, 1.0]])
     assert np.all(np.sum(normals * outwards, axis=1) > 0)
     edges = np.sort(pieces.triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
