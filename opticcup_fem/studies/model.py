@@ -13,7 +13,7 @@ from opticcup_fem.equilibrium.newton import MixedNewton
 from opticcup_fem.equilibrium.path import LoadStepping
 from opticcup_fem.equilibrium.problem import Problem
 from opticcup_fem.equilibrium.steps import StepControl
-from opticcup_fem.mesh import SurfaceMesh, cup_mesh
+from opticcup_fem.mesh import SurfaceMesh, cup_mesh, disk_mesh, open_cap_mesh
 from opticcup_fem.shell.growth import GrowthLaw, LinearGrowth
 from opticcup_fem.shell.model import Shell
 from opticcup_fem.shell.section import Layer, Section
@@ -40,8 +40,15 @@ def growth_of(case: Case) -> dict[str, GrowthLaw]:
 
 
 def mesh_of(case: Case, comm: MPI.Comm) -> SurfaceMesh:
-    """Mesh the cup of a case (collective)."""
-    mesh = case.mesh
+    """Mesh the shape of a case (collective)."""
+    mesh, kind = case.mesh, case.shape.kind
+    if kind != "cup":
+        sizes = (mesh.cell_size_cap, mesh.cell_size_interface, mesh.seed, comm)
+        return (
+            disk_mesh(1.0, *sizes)
+            if kind == "disk"
+            else open_cap_mesh(case.shape.opening_angle, *sizes)
+        )
     return cup_mesh(
         case.shape.opening_angle,
         mesh.cell_size_cap,
