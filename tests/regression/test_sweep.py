@@ -97,8 +97,7 @@ def test_layers_are_described_on_the_followed_part():
     assert set(cap["stress"]) == {"iov", "ecm"}
     # the IOV grows against the ECM: it is compressed, the ECM stretched, all over the cap
     assert max(cap["stress"]["iov"]) < 0 < min(cap["stress"]["ecm"])
-    assert len(cap["stress"]["iov"]) == len(cap["stress_theta"])
-    assert len(cap["stretch"]["iov"]) == len(cap["stretch_theta"])
+    assert len(cap["stress"]["iov"]) == len(cap["stretch"]["ecm"]) == len(cap["theta"])
 
 
 def test_kinds_can_be_imported():

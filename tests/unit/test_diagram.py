@@ -86,7 +86,12 @@ def lawful_rows(scatter=0.0, angle=ALPHA):
             "kappa_b": float(buckling_curvature(theta, angle, GAMMA, PLATE)),
         }
         kappas = {name: k + scatter * rng.normal() for name, k in kappas.items()}
-        times = {"t_1": 0.05, "type_b": "bifurcation", "t_2": kappas["kappa_2"] / 20, "t_b": kappas["kappa_b"] / 20}
+        times = {
+            "t_1": 0.05,
+            "type_b": "bifurcation",
+            "t_2": kappas["kappa_2"] / 20,
+            "t_b": kappas["kappa_b"] / 20,
+        }
         kind = "fold" if ratio > 6 else "smooth"
         rows.append(row(ratio=ratio, angle=angle, type_1=kind, **kappas, **times))
     return rows

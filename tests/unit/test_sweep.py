@@ -8,7 +8,10 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 import shutil
+import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -320,3 +323,42 @@ def test_tables_keep_every_digit_and_every_point(tmp_path):
         assert [text.decode() for text in file["type_2"][...]] == ["fold", "", ""]
     assert sorted(p.name for p in tmp_path.iterdir() if p.name[0] == ".") == []
     assert isinstance(table, pd.DataFrame) and json.dumps(list(table.columns))
+
+
+UNCONCERNED = {
+    "opticcup_fem",
+    "opticcup_fem.compat",  # one behaviour on every version of dolfinx
+    "opticcup_fem.diagram",
+    "opticcup_fem.errors",
+    "opticcup_fem.fields",
+    "opticcup_fem.records",
+    "opticcup_fem.studies",
+    "opticcup_fem.studies.outcome",
+    "opticcup_fem.studies.progress",
+    "opticcup_fem.studies.sweep",
+    "opticcup_fem.versions",
+}
+"""Modules that tasks load and that cannot change a number."""
+
+OF_THE_SURFACE = ("equilibrium", "mesh", "sampling", "snapshot", "studies.stability", "wavenumbers")
+"""What ``studies.model`` and ``studies.meridian`` load for the surface model's sake."""
+
+
+@pytest.mark.parametrize(
+    ("model", "module"), [("meridian", "meridian_tasks"), ("surface", "surface_task")]
+)
+def test_all_code_that_a_task_loads_is_part_of_its_identity(model, module):
+    code = f"import sys, opticcup_fem.studies.sweep.{module}\nprint(' '.join(sys.modules))"
+    clean = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_", "PMIX_", "PMI_"))}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=clean, capture_output=True, text=True, check=True
+    )
+    loaded = {name for name in done.stdout.split() if name.split(".")[0] == "opticcup_fem"}
+    names = [*caching.SOURCES[model], *(OF_THE_SURFACE if model == "meridian" else ())]
+    covered = {name.removesuffix(".py").replace("/", ".") for name in names}
+    missing = {
+        name
+        for name in loaded - UNCONCERNED
+        if not any(f"{name}.".startswith(f"opticcup_fem.{part}.") for part in covered)
+    }
+    assert not missing

@@ -69,12 +69,10 @@ def thickness_figure(results: Results) -> Drawn:
 def _along(axes: Any, state: Mapping[str, Any], name: str) -> None:
     for region, layers in LAYERS.items():
         part = state["regions"][region]
-        theta = np.degrees(np.array(part[f"{name}_theta"]))
-        order = np.argsort(theta, kind="stable")
+        theta = np.degrees(np.array(part["theta"]))
         for layer in layers:
-            field = np.array(part[name][layer])[order]
             label = style.LAYER_LABELS[layer]
-            axes.plot(theta[order], field, color=style.LAYER_COLOURS[layer], label=label)
+            axes.plot(theta, part[name][layer], color=style.LAYER_COLOURS[layer], label=label)
 
 
 def _words(cup: Computed) -> str:

@@ -50,12 +50,10 @@ def draw_field(axes: Axes, state: State, name: str, norm: Normalize, colours: st
     polygons, values = [], []
     for region, layers in LAYERS.items():
         part = state["regions"][region]
-        faces, theta = np.array(part["faces"]), np.array(part["theta"])
-        middle = (theta[1:] + theta[:-1]) / 2
+        faces = np.array(part["faces"])
         for k, layer in enumerate(layers):
-            order = np.argsort(part[f"{name}_theta"], kind="stable")
-            at = np.array(part[f"{name}_theta"])[order]
-            field = np.interp(middle, at, np.array(part[name][layer])[order])
+            values_at = np.array(part[name][layer])
+            field = (values_at[1:] + values_at[:-1]) / 2
             for i, value in enumerate(field):
                 corners = [faces[i, k], faces[i + 1, k], faces[i + 1, k + 1], faces[i, k + 1]]
                 for side in (1.0, -1.0):
@@ -103,7 +101,7 @@ def field_table(states: Sequence[State], name: str) -> pd.DataFrame:
                         {
                             "t_n": state["t_n"],
                             "layer": layer,
-                            "theta": part[f"{name}_theta"],
+                            "theta": part["theta"],
                             name: part[name][layer],
                         }
                     )

@@ -42,10 +42,11 @@ def first_loss(
         for bare in branch:
             if bare.t_n < after:
                 continue
-            point = replace(bare, negative=waves.negative(bare.state, bare.t_n))
+            point = replace(bare, spectra=waves.spectra(bare.state, bare.t_n))
             unstable = [m for m, count in point.negative.items() if count]
             if unstable and (last is None or any(last.negative.values())):
-                return Loss(point.t_n, _softest(waves, point, unstable), True)
+                softest = min(unstable, key=lambda m: point.spectra[m].nearest)
+                return Loss(point.t_n, softest, True)
             if unstable and last is not None:
                 lost = [one for one in crossings(path, [last, point]) if one.lost]
                 if lost:
@@ -66,8 +67,3 @@ def _branches(points: Sequence[MeridianPoint]) -> Iterator[list[MeridianPoint]]:
             branch.append(point)
     if branch:
         yield branch
-
-
-def _softest(waves: Waves, point: MeridianPoint, unstable: Sequence[int]) -> int:
-    lowest = {m: waves.modes(point.state, point.t_n, m, 1)[0].eigenvalue for m in unstable}
-    return min(lowest, key=lambda m: lowest[m])

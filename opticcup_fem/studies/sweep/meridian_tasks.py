@@ -15,7 +15,7 @@ from opticcup_fem.meridian.contact import self_crossing
 from opticcup_fem.meridian.crossings import crossings
 from opticcup_fem.meridian.ellipticity import ellipticity
 from opticcup_fem.meridian.events import path_events
-from opticcup_fem.meridian.layers import layer_stretches, region_profile
+from opticcup_fem.meridian.layers import evaluate
 from opticcup_fem.meridian.mesh import Grading, MeridianMesh
 from opticcup_fem.meridian.observables import CupObserver
 from opticcup_fem.meridian.path import MeridianPath, MeridianPoint
@@ -25,7 +25,6 @@ from opticcup_fem.meridian.waves import Waves
 from opticcup_fem.shell.growth import LinearGrowth
 from opticcup_fem.shell.section import Layer, Section
 from opticcup_fem.studies.meridian import shell_of
-from opticcup_fem.studies.sweep.layer_fields import layer_stresses
 from opticcup_fem.studies.sweep.losses import Loss, first_loss
 from opticcup_fem.studies.sweep.rows import COLUMNS, summary_row
 from opticcup_fem.theory import natural_curvature
@@ -111,21 +110,14 @@ def layers(parameters: Mapping[str, Any]) -> Record:
 
 
 def _region(shell: MeridianShell, point: MeridianPoint, name: str) -> Record:
-    theta, _, faces = region_profile(shell, point.state, point.t_n, name)
-    order = np.argsort(shell.mesh.node_points[:, 0])
-    stretches = layer_stretches(shell, point.state, point.t_n, name)
-    stresses = layer_stresses(shell, point.state, point.t_n, name)
-    places = shell.points[shell.mesh.region[name]]
-    nodes = shell.mesh.s[shell.mesh.cells[shell.mesh.region[name]][:, order]]
+    mesh = shell.mesh
+    theta = np.unique(mesh.s[mesh.cells[mesh.region[name]]])
+    on = evaluate(shell, point.state, point.t_n, name, theta)
     return {
         "theta": theta.tolist(),
-        "faces": faces.tolist(),
-        "stretch_theta": nodes.ravel().tolist(),
-        "stretch": {
-            layer: values[:, order].ravel().tolist() for layer, values in stretches.items()
-        },
-        "stress_theta": places.ravel().tolist(),
-        "stress": {layer: values.ravel().tolist() for layer, values in stresses.items()},
+        "faces": on.faces.tolist(),
+        "stretch": {layer: one.thickness_stretch.tolist() for layer, one in on.fields.items()},
+        "stress": {layer: one.stress[:, 0].tolist() for layer, one in on.fields.items()},
     }
 
 
