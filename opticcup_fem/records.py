@@ -1,9 +1,9 @@
 """The folder of a run: what is written as it goes, and how it is read again.
 
 ``case.toml`` the resolved case; ``path.csv`` one row a state; ``events.json``; ``fields.pvd`` and
-``fields/`` for ParaView; ``sections.npz`` meridian sections; pictures made from these.  The
-meridian model adds ``modes.npz`` and writes no fields.  Whenever a
-run is cut short, the files in its folder are complete up to there.
+``fields/`` for ParaView; ``states/`` every state (`opticcup_fem.states`); ``sections.npz`` meridian
+sections; pictures made from these.  The meridian model adds ``modes.npz`` and writes no fields and
+no states.  Whenever a run is cut short, the files in its folder are complete up to there.
 """
 
 import csv
@@ -23,6 +23,7 @@ from opticcup_fem.fields import replace_text, write_collection, write_fields
 from opticcup_fem.sampling import azimuths
 from opticcup_fem.sections import Meridians, Section, SectionPart
 from opticcup_fem.snapshot import Snapshot
+from opticcup_fem.states import STATES, StateWriter, clear_states
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -31,6 +32,7 @@ CASE, PATH, EVENTS = "case.toml", "path.csv", "events.json"
 SECTIONS, COLLECTION, FIELDS = "sections.npz", "fields.pvd", "fields"
 SUMMARY, COMPARISON, SOLID = "summary.png", "comparison.png", "cup.png"
 BIFURCATION, MODES = "bifurcation.png", "modes.npz"
+MOVIE, VIEW = "movie.mp4", "view.html"
 
 AZIMUTHS = 8
 """Meridian sections of each state: four planes through the axis."""
@@ -70,6 +72,7 @@ class RunFolder:
         self._fields: list[tuple[float, str]] = []
         self._sections: list[tuple[float, tuple[Section, ...]]] = []
         self._meridians: Meridians | None = None
+        self.write_state = StateWriter(self.path / STATES)
         self.write_events([])
 
     def __enter__(self) -> Self:
@@ -91,11 +94,12 @@ class RunFolder:
 
     def _clear(self) -> None:
         """Delete an earlier run's records."""
-        pictures = (SUMMARY, COMPARISON, SOLID, BIFURCATION)
+        pictures = (SUMMARY, COMPARISON, SOLID, BIFURCATION, MOVIE, VIEW)
         names = (CASE, PATH, EVENTS, SECTIONS, COLLECTION, MODES, *pictures)
         earlier = [self.path / name for name in names]
         for file in [*earlier, *(self.path / FIELDS).glob("*.vtu")]:
             file.unlink(missing_ok=True)
+        clear_states(self.path / STATES)
 
     def append(self, row: Mapping[str, Any]) -> None:
         """Append one row to path.csv and flush it.
