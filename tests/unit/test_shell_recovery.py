@@ -101,9 +101,10 @@ def test_free_growth_is_free_of_stress_and_thickness_change(disk: Shell) -> None
 def test_layers_of_a_grown_sphere_pull_and_push() -> None:
     """A bilayer sphere of radius r: each layer's mean of the fibres' exact plane stress.
 
-    The IOV grows and the ECM does not: it is pressed, the ECM pulled, and in the exact solution a
-    fibre at height xi has the elastic stretch r (1 + xi l/r) / (e (1 + xi)), l the layer's lambda_3
-    at the middle surface.
+    The IOV grows and the ECM does not: it is pressed, the ECM pulled.  With R = 1 a fibre at height
+    xi has the natural metric e^2 (1 + 2 xi) and the current one r^2 (1 + 2 xi l/r), l the layer's
+    lambda_3 at the middle surface; the energy counts its area, 1 + 2 xi, as 1, and so its stress is
+    that of a free fibre over 1 + 2 xi.
     """
     h, t_n, radius, rate = 0.2, 0.1, 1.2, 5.0
     layers = [Layer("iov", 0.9 * h, MU, NU, 5), Layer("ecm", 0.1 * h, MU, NU, 2)]
@@ -121,7 +122,10 @@ def test_layers_of_a_grown_sphere_pull_and_push() -> None:
             radius * np.sqrt(1 + 2 * xi * l_middle / radius) / (e * np.sqrt(1 + 2 * xi))
             for xi in heights
         ]
-        exact = sum(wi / 2 * plane_stress(s, s)[1] for wi, s in zip(w, stretches, strict=True))
+        exact = sum(
+            wi / 2 / (1 + 2 * xi) * plane_stress(s, s)[1]
+            for wi, xi, s in zip(w, heights, stretches, strict=True)
+        )
         half_traces[name] = fields[name].stress[..., :2].mean(axis=-1)
         assert half_traces[name].mean() == pytest.approx(exact, rel=5e-3)
         assert np.abs(fields[name].stress[..., 2]).max() < 0.02 * abs(exact)
