@@ -53,7 +53,8 @@ class CriticalPoint:
         kind: Whether the path turns back there, or another one crosses it.
         lost: Whether stability against the mode is lost in the direction of the path, or regained.
         t_n_range: Normalised times of the states that enclose it, in the order of the path.
-        state: The equilibrium nearest to it on the side where the path came from.
+        at: Normalised time of ``state``.
+        state: An equilibrium right beside it.
         mode: The critical mode there.
         content: Its azimuthal content.
         eigenvalues: The eigenvalues nearest to zero there, lowest first.
@@ -63,6 +64,7 @@ class CriticalPoint:
     kind: Literal["limit_point", "bifurcation"]
     lost: bool
     t_n_range: tuple[float, float]
+    at: float
     state: ShellState
     mode: Mode
     content: AzimuthalContent
@@ -138,6 +140,7 @@ class CriticalPoints:
             "limit_point" if limit else "bifurcation",
             limit or mode.eigenvalue > 0,
             (t_1, t_2),
+            t_1,
             state,
             mode,
             content,
@@ -213,6 +216,7 @@ class CriticalPoints:
             "bifurcation",
             lost,
             (low.t_n, high.t_n),
+            nearest.t_n,
             nearest.state,
             nearest.mode,
             self.classify(nearest.state, nearest.mode),

@@ -9,7 +9,7 @@ from mpi4py import MPI
 from opticcup_fem.case import Case
 from opticcup_fem.equilibrium.axisymmetric import AxisymmetricStepping
 from opticcup_fem.equilibrium.jumps import make_relaxation
-from opticcup_fem.equilibrium.newton import MixedNewton
+from opticcup_fem.equilibrium.newton import WANDERING, MixedNewton
 from opticcup_fem.equilibrium.path import LoadStepping
 from opticcup_fem.equilibrium.problem import Problem
 from opticcup_fem.equilibrium.steps import StepControl
@@ -19,6 +19,9 @@ from opticcup_fem.shell.model import Shell
 from opticcup_fem.shell.section import Layer, Section
 from opticcup_fem.shell.supports import rigid_modes_of_cup
 from opticcup_fem.studies.stability import critical_points_of
+
+PATIENCE = 25
+"""Newton iterations that an axisymmetric state beside a bifurcation may take."""
 
 
 def sections_of(case: Case) -> dict[str, Section]:
@@ -69,9 +72,10 @@ def stepping_of(case: Case, shell: Shell) -> LoadStepping:
     solver = case.solver
     problem = Problem(shell, rigid_modes_of_cup(shell))
     axisymmetric = case.run.follow == "axisymmetric"
-    # beside a bifurcation a good iteration wanders
-    patience = {"wandering": math.inf} if axisymmetric else {}
-    newton = MixedNewton(problem, solver.tolerance, solver.max_iterations, **patience)
+    iterations, wandering = solver.max_iterations, WANDERING
+    if axisymmetric:  # beside a bifurcation a good iteration is long, and wanders
+        iterations, wandering = max(PATIENCE, iterations), math.inf
+    newton = MixedNewton(problem, solver.tolerance, iterations, wandering)
     control = StepControl(
         initial=solver.initial_step,
         largest=solver.max_step,
