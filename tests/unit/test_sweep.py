@@ -332,7 +332,9 @@ UNCONCERNED = {
     "opticcup_fem.errors",
     "opticcup_fem.fields",
     "opticcup_fem.records",
+    "opticcup_fem.states",
     "opticcup_fem.studies",
+    "opticcup_fem.studies.critical_modes",  # for pictures
     "opticcup_fem.studies.outcome",
     "opticcup_fem.studies.progress",
     "opticcup_fem.studies.sweep",
