@@ -92,7 +92,9 @@ def reproduce(
             outcome = command.run(
                 chosen, out, experiment=measured, processes=processes, quiet=silent
             )
-        say(outcome.message)
+        say(outcome.message, err=outcome.missing > 0)
+        if outcome.missing:
+            raise typer.Exit(FAILED_RUN)
 
 
 def predict(

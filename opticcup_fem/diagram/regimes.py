@@ -5,6 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Literal
 
+AT_ONCE = 0.99
+"""Events later than this share of the time at which ellipticity is lost belong to that loss: all
+wavenumbers lose their stability with it."""
+
 Regime = Literal["evaginated", "invaginated", "normal", "abnormal", "undecided"]
 Row = Mapping[str, Any]
 
@@ -15,7 +19,7 @@ def regime(row: Row) -> Regime:
     "normal" if the secondary invagination comes before any loss of symmetry, "abnormal" if
     symmetry is lost first, "invaginated" if neither comes up to the end of the path,
     "evaginated" if the apex never sinks below the rim.  "undecided" where the path ended early
-    (closure breakdown, no convergence) before it could tell.
+    (closure breakdown, no convergence) or the closure lost its ellipticity before it could tell.
 
     Args:
         row: ``t_1``, ``t_2``, ``t_b``, ``largest_D_over_r``; ``status`` other than "ok" or "ended
@@ -24,11 +28,14 @@ def regime(row: Row) -> Regime:
     t_2, t_b = row.get("t_2"), row.get("t_b")
     if row.get("status", "ok") not in ("ok", "ended early"):
         return "undecided"
+    lost = row.get("t_ellipticity")
+    if lost is not None:
+        t_2, t_b = (None if t is None or t > AT_ONCE * lost else t for t in (t_2, t_b))
     if t_b is not None and (t_2 is None or t_b <= t_2):
         return "abnormal"
     if t_2 is not None:
         return "normal"
-    if row.get("status") == "ended early":
+    if row.get("status") == "ended early" or lost is not None:
         return "undecided"
     depth = row.get("largest_D_over_r")
     return "evaginated" if depth is None or depth <= 0 else "invaginated"

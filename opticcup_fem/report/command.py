@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from opticcup_fem.errors import CaseError
+from opticcup_fem.errors import CaseError, OpticCupError
 from opticcup_fem.plots import style
 from opticcup_fem.report.html import write_report
 from opticcup_fem.report.registry import FIGURES
@@ -22,9 +22,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Reproduction:
-    """What was made; empty on ranks that only helped."""
+    """What was made.
+
+    Attributes:
+        message: Counts, where the page is, and why figures are missing; empty on ranks that only
+            helped.
+        missing: Number of figures that could not be drawn.
+    """
 
     message: str
+    missing: int = 0
 
 
 def checked_names(names: Sequence[str]) -> list[str]:
@@ -88,8 +95,10 @@ def run(
         results = compute(engine, {need for name in names for need in FIGURES[name].needs})
         computed = engine.computed
     total = sum(map(len, results.sets.values())) + sum(map(len, results.asked.values()))
-    page = _write(names, results, experiment, out_dir, f"It stands on {total} computations.")
-    return Reproduction(f"{total} computations, {computed} of them new: {page}")
+    counts = f"It stands on {total} computations."
+    page, missing = _write(names, results, experiment, out_dir, counts)
+    lines = [f"{total} computations, {computed} of them new: {page}", *missing]
+    return Reproduction("\n".join(lines), len(missing))
 
 
 @style.styled
@@ -99,19 +108,24 @@ def _write(
     experiment: pd.DataFrame | None,
     out_dir: Path,
     counts: str,
-) -> Path:
+) -> tuple[Path, list[str]]:
+    """Draw what can be drawn; return the page, and a sentence for each figure that cannot."""
     import matplotlib as mpl
 
     from opticcup_fem.versions import versions
 
     # the same picture is the same file
     mpl.rcParams["svg.hashsalt"] = "opticcup_fem"
-    drawn = []
+    drawn, missing = [], []
     for name in names:
-        one = FIGURES[name].draw(results, experiment)
+        try:
+            one = FIGURES[name].draw(results, experiment)
+        except OpticCupError as error:
+            missing.append(f"{name} is not drawn: {error}")
+            continue
         one.figure.savefig(out_dir / f"{name}.png")
         one.figure.savefig(out_dir / f"{name}.svg", metadata={"Date": None})
         for table_name, table in one.tables.items():
             write_csv(table, out_dir / f"{table_name}.csv")
         drawn.append(one)
-    return write_report(drawn, out_dir, versions(), counts)
+    return write_report(drawn, out_dir, versions(), " ".join([counts, *missing])), missing

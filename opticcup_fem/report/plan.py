@@ -185,7 +185,7 @@ SETS: dict[str, Callable[[], list[Planned]]] = {
     ],
     "plates": _plates,
     "moduli": lambda: _moduli("cup", FINE),
-    "stresses": lambda: _moduli("layers", (0.1, 1.0)),
+    "stresses": lambda: _moduli("layers", (0.1, 0.4, 0.65, 1.0)),
     "evagination": lambda: [planned(modulus_ratio=n) for n in (10.0, 20.0, 50.0, 100.0)],
     "evaginated": lambda: [planned("layers", modulus_ratio=10.0, times=(0.1, 0.5, 1.0))],
     "poisson": _poisson,

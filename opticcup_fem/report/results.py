@@ -9,9 +9,11 @@ from typing import Any
 
 from opticcup_fem.diagram.bisection import Bracket, bisect, first_change
 from opticcup_fem.diagram.regimes import regime
+from opticcup_fem.errors import OpticCupError
 from opticcup_fem.report.plan import BY_ANGLE, SETS, Planned, planned
 from opticcup_fem.studies.sweep.cache import Record
 from opticcup_fem.studies.sweep.engine import Engine
+from opticcup_fem.studies.sweep.rows import empty_row
 
 Row = dict[str, Any]
 
@@ -29,7 +31,20 @@ class Computed:
         settings = {"alpha_deg": 40.0, "ratio": 5.0, **self.settings}
         ending = {"status": self.record["status"], "reason": self.record.get("reason") or ""}
         angle = math.radians(float(settings["alpha_deg"]))
-        return {**settings, "angle": angle, **self.record.get("row", {}), **ending}
+        return {**settings, "angle": angle, **empty_row(), **self.record.get("row", {}), **ending}
+
+    @property
+    def states(self) -> list[dict[str, Any]]:
+        """Return the states of a task ``layers``.
+
+        Raises:
+            OpticCupError: It has none.
+        """
+        states: list[dict[str, Any]] = self.record.get("states", [])
+        if not states:
+            reason = self.record.get("reason") or "no output time was reached"
+            raise OpticCupError(f"no states of the cup {self.settings}: {reason}")
+        return states
 
 
 @dataclass

@@ -44,6 +44,10 @@ def row(**numbers):
         ({"status": "ended early"}, "undecided"),
         ({"t_2": 0.4, "status": "ended early"}, "normal"),
         ({"t_2": 0.4, "status": "failed"}, "undecided"),
+        ({"t_2": 0.4, "t_ellipticity": 0.5}, "normal"),
+        ({"t_b": 0.5, "t_ellipticity": 0.501}, "undecided"),
+        ({"t_b": 0.3, "t_2": 0.4, "t_ellipticity": 0.35}, "abnormal"),
+        ({"t_ellipticity": 0.5}, "undecided"),
     ],
 )
 def test_regimes(numbers, expected):

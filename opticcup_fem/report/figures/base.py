@@ -84,7 +84,10 @@ class Drawn:
 
 
 def followed_parts(path: Mapping[str, Sequence[Any]]) -> Iterator[dict[str, Array]]:
-    """Yield the columns of the parts of a path that a cup follows, between jumps."""
+    """Yield the columns of the parts of a path that a cup follows, between jumps.
+
+    A part that a fall leads to begins at the time of the fall, between the computed states.
+    """
     followed, jump = np.array(path["followed"], bool), np.array(path["jump"], bool)
     chosen = np.flatnonzero(followed)
     starts = [0, *(i for i in range(1, len(chosen)) if jump[chosen[i]]), len(chosen)]
@@ -93,8 +96,18 @@ def followed_parts(path: Mapping[str, Sequence[Any]]) -> Iterator[dict[str, Arra
     }
     for start, stop in pairwise(starts):
         part = chosen[start:stop]
-        if len(part):
-            yield {name: values[part] for name, values in columns.items()}
+        if not len(part):
+            continue
+        found = {name: values[part] for name, values in columns.items()}
+        first = part[0]
+        fall = columns["t_n"][chosen[start - 1]] if start else np.inf
+        before, after = columns["t_n"][first - 1], columns["t_n"][first]
+        if before < fall < after:
+            share = (fall - before) / (after - before)
+            for name, values in columns.items():
+                landing = values[first - 1] + share * (values[first] - values[first - 1])
+                found[name] = np.concatenate([[landing], found[name]])
+        yield found
 
 
 def draw_path(

@@ -178,10 +178,10 @@ def slenderness_figure(results: Results) -> Drawn:
 
 def _draw_shapes(figure: Any, results: Results) -> None:
     rows = results.sets["shapes"]
-    columns = max(len(one.record["states"]) for one in rows)
+    columns = max(len(one.states) for one in rows)
     panels = figure.subplots(len(rows), columns, squeeze=False)
     for line, one in zip(panels, rows, strict=True):
-        states = one.record["states"]
+        states = one.states
         for axes in line[len(states) :]:
             axes.axis("off")
         reach = max(_reach(state) for state in states)
@@ -204,7 +204,7 @@ def _reach(state: Mapping[str, Any]) -> float:
 def _shapes_table(results: Results) -> pd.DataFrame:
     frames = []
     for one in results.sets["shapes"]:
-        frame = shape_table(one.record["states"])
+        frame = shape_table(one.states)
         frame.insert(0, "ratio", one.row["ratio"])
         frames.append(frame)
     return pd.concat(frames, ignore_index=True)

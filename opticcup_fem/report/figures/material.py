@@ -10,12 +10,13 @@ import pandas as pd
 from matplotlib.colors import Normalize, SymLogNorm
 from matplotlib.figure import Figure
 
-from opticcup_fem.diagram.regimes import regime, second_event
+from opticcup_fem.diagram.regimes import AT_ONCE, regime, second_event
 from opticcup_fem.plots import style
 from opticcup_fem.report.figures.base import (
     EVENT_COLOURS,
     Comparison,
     Drawn,
+    Row,
     draw_path,
     event_handles,
     labelled,
@@ -41,7 +42,7 @@ COLATITUDE = r"colatitude $\theta$ / degrees"
 def thickness_figure(results: Results) -> Drawn:
     """Draw Fig. S1: lambda_3 of each layer on the section and along the meridian at t_n = 1."""
     (cup,) = (one for one in results.sets["shapes"] if one.row["ratio"] == 5)
-    state = cup.record["states"][-1]
+    state = cup.states[-1]
     values = [
         v for part in state["regions"].values() for layer in part["stretch"].values() for v in layer
     ]
@@ -83,8 +84,8 @@ def _words(cup: Computed) -> str:
 def moduli_figure(results: Results) -> Drawn:
     """Draw Fig. S5: depth for other moduli and Poisson ratios, and the residual stress."""
     cups, stressed = results.sets["moduli"], results.sets["stresses"]
-    figure = Figure(figsize=(10.5, 8.0), layout="constrained")
-    upper, lower = figure.subfigures(2, 1, height_ratios=(1.0, 1.05))
+    figure = Figure(figsize=(10.5, 6.6), layout="constrained")
+    upper, lower = figure.subfigures(2, 1, height_ratios=(1.0, 0.66))
     axes = upper.subplots()
     colours = shades(len(cups))
     for cup, colour in zip(cups, colours, strict=True):
@@ -95,7 +96,7 @@ def moduli_figure(results: Results) -> Drawn:
     axes.set_ylim(bottom=0)
     axes.legend(loc="lower right")
     panels = lower.subplots(1, len(stressed))
-    shown = [cup.record["states"][-1] for cup in stressed]
+    shown = [cup.states[-1] for cup in stressed]
     largest = max(
         abs(v)
         for state in shown
@@ -103,7 +104,7 @@ def moduli_figure(results: Results) -> Drawn:
         for layer in part["stress"].values()
         for v in layer
     )
-    norm = SymLogNorm(1.0, vmin=-largest, vmax=largest)
+    norm = SymLogNorm(0.1, vmin=-largest, vmax=largest)
     for axes, cup, state in zip(panels, stressed, shown, strict=True):
         mapped = draw_field(axes, state, "stress", norm, "PuOr_r")
         axes.set_title(f"{_words(cup)}\n$t_n$ = {state['t_n']:g}", fontsize=8)
@@ -113,9 +114,10 @@ def moduli_figure(results: Results) -> Drawn:
     )  # fmt: skip
     largest_depth = {_plain(c): float(c.row["largest_D_over_r"]) for c in cups}
     text = [
-        "(a) R/h = 5, alpha = 40 degrees. A dot ends a path that ends early. (b) Residual stress "
-        "at the last of t_n = 0.1 and 1 that the path reaches: compression (orange to brown, "
-        "negative) in the growing IOV and OOV, tension (purple) in the ECM. ",
+        "(a) R/h = 5, alpha = 40 degrees. A dot ends a path that ends early, or where the shell "
+        "touches itself. (b) Residual stress at the last of t_n = 0.1, 0.4, 0.65 and 1 that the "
+        "path reaches: compression (purple) in the growing IOV, tension (orange) in the ECM. "
+        "Contact is looked for on the mid-surface: layers drawn with their thickness may overlap.",
         *[f"{_plain(c)}: {c.row['reason']}." for c in cups if c.row["reason"]],
     ]
     at = {_plain(c): c.row.get("D_over_r_at_0.4") for c in cups}
@@ -137,7 +139,7 @@ def moduli_figure(results: Results) -> Drawn:
     ]
     frames = []
     for cup in stressed:
-        frame = field_table(cup.record["states"], "stress")
+        frame = field_table(cup.states, "stress")
         frame.insert(0, "cup", _plain(cup))
         frames.append(frame)
     tables = {
@@ -180,7 +182,7 @@ def _end(axes: Any, cup: Computed, colour: Any) -> None:
 def limits_figure(results: Results) -> Drawn:
     """Draw Fig. S6: evagination, its threshold in n, and second events over Poisson's ratio."""
     cups, poisson = results.sets["evagination"], results.sets["poisson"]
-    evaginated = results.sets["evaginated"][0].record["states"]
+    evaginated = results.sets["evaginated"][0].states
     figure = Figure(figsize=(10.5, 8.0), layout="constrained")
     upper, lower = figure.subfigures(2, 1)
     left, right = upper.subfigures(1, 2, width_ratios=(1.0, 1.35))
@@ -241,7 +243,7 @@ def _draw_poisson(axes: Any, cups: Sequence[Computed], theta: float) -> None:
         ("secondary_invagination", "2"),
         ("symmetry_breaking", "b"),
     ):
-        chosen = [c.row for c in cups if c.row[f"kappa_{suffix}"] is not None]
+        chosen = [c.row for c in cups if _before_breakdown(c.row, suffix)]
         x = [row["poisson_ratio"] for row in chosen]
         y = [row[f"kappa_{suffix}"] for row in chosen]
         axes.plot(x, y, color=EVENT_COLOURS[kind], lw=0.8)
@@ -257,6 +259,12 @@ def _draw_poisson(axes: Any, cups: Sequence[Computed], theta: float) -> None:
     axes.set_ylim(bottom=0)
     labelled(axes, r"Poisson ratio $\nu$", KAPPA)
     axes.set_title(rf"$\bar\theta$ = {theta:g}", loc="left")
+
+
+def _before_breakdown(row: Row, suffix: str) -> bool:
+    """Tell whether an event is there, and not a part of the loss of ellipticity."""
+    t_n, lost = row[f"t_{suffix}"], row["t_ellipticity"]
+    return t_n is not None and (lost is None or t_n <= AT_ONCE * lost)
 
 
 def _persistence(cups: Sequence[Computed]) -> list[Comparison]:

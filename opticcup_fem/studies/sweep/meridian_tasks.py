@@ -92,7 +92,8 @@ def layers(parameters: Mapping[str, Any]) -> Record:
         parameters: A case, as nested tables.
 
     Returns:
-        ``states``, one for each of ``output.times`` that the followed part reaches: ``t_n`` and
+        ``states``, one for each of ``output.times`` that the followed part reaches before
+        the shell touches itself: ``t_n`` and
         ``regions``, each with the colatitude ``theta``, the faces (r, z) of the layers, inside
         first, and for each layer the mean ``stretch`` lambda_3 and the meridional Cauchy
         ``stress``; ``reason`` as ``cup`` has it.
@@ -102,6 +103,8 @@ def layers(parameters: Mapping[str, Any]) -> Record:
     path = MeridianPath(shell, Waves(shell, (0,)))
     states = []
     for point in path.follow(case.run.t_end, case.output.times):
+        if point.followed and self_crossing(shell, point.state) is not None:
+            break
         if point.followed and any(abs(point.t_n - t) < 1e-12 for t in case.output.times):
             regions = {name: _region(shell, point, name) for name in shell.sections}
             states.append({"t_n": point.t_n, "regions": regions})

@@ -29,6 +29,15 @@ Row = dict[str, Any]
 _SUFFIX = {"primary_invagination": "1", "secondary_invagination": "2", "symmetry_breaking": "b"}
 
 
+def empty_row() -> Row:
+    """Return a row in which every event and number is missing."""
+    names = [f"{name}_{s}" for s in _SUFFIX.values() for name in ("t", "type", "kappa")]
+    names += [f"delta_theta_{s}" for s in _SUFFIX.values()]
+    ends = ("t_contact", "t_breakdown", "t_ellipticity", "t_reached", "largest_D_over_r")
+    names += ["theta_bar", "m_b", "t_early", "m_early", "D_over_r", "lambda_iov", *ends]
+    return dict.fromkeys(names)
+
+
 def value_at(path: Path, t_n: float, name: str) -> float | None:
     """Return a column's value on the followed part at a time, before the fall where there is one.
 
