@@ -65,10 +65,11 @@ def readings_figure(results: Results) -> Drawn:
     handles += [_cross("path ends early"), _cross("first state without ellipticity", "+")]
     panels[len(rows)].legend(handles=handles, loc="center")
     summary = _summary(rows)
-    table = pd.concat(
-        [pd.DataFrame(of_reading).assign(reading=name) for name, of_reading in rows.items()]
-    )
-    table["regime"] = [regime(row) for row in table.to_dict("records")]
+    lines = [
+        {"reading": name, "regime": regime(row), **row}
+        for name, of_reading in rows.items()
+        for row in of_reading
+    ]
     keep = [
         "reading", "ratio", "theta_bar", "regime", "t_1", "type_1", "kappa_1", "t_2", "type_2",
         "kappa_2", "t_b", "m_b", "kappa_b", "t_breakdown", "t_ellipticity", "t_contact",
@@ -78,12 +79,27 @@ def readings_figure(results: Results) -> Drawn:
         "The paper's kinematics leave open which J_s feeds the thickness stretch in the metric; "
         "each panel is one reading (docs/theory.md, Closures), with its Gauss points through ECM, "
         "IOV and OOV. Lines: the laws (3)-(5) fitted to the panel's own points.",
+        _robustness(summary),
     ]
     shown_tables = {"What each reading says at 40 degrees": summary}
     return Drawn(
         "readings", "Model form: closures and thickness rules", text, figure,
-        {"readings": table[keep], "readings_summary": summary}, (), shown_tables,
+        {"readings": pd.DataFrame(lines)[keep], "readings_summary": summary}, (), shown_tables,
     )  # fmt: skip
+
+
+def _robustness(summary: pd.DataFrame) -> str:
+    """Return in words how far the boundary moves with the reading."""
+    both = summary.dropna(subset=["buckles first from R/h", "not yet at R/h"])
+    never = summary[summary["not yet at R/h"].isna()]["reading"]
+    sentence = (
+        f"{len(both)} of {len(summary)} readings have thick cups that deepen and thin ones that "
+        f"buckle; the first that buckles has R/h = {both['buckles first from R/h'].min():g} to "
+        f"{both['buckles first from R/h'].max():g}, of those computed."
+    )
+    if len(never):
+        sentence += f" Under {', '.join(never)} no cup is found to deepen before it buckles."
+    return sentence
 
 
 def _cross(label: str, marker: str = "x") -> Any:
