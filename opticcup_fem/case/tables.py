@@ -109,9 +109,10 @@ class Run(_Table):
         default="surface",
         description="discretisation: whole surface, or axisymmetric",
     )
-    follow: Literal["stable", "axisymmetric"] = Field(
+    follow: Literal["stable", "axisymmetric", "branch"] = Field(
         default="stable",
-        description="surface: what a tissue would do, or the axisymmetric states, stable or not",
+        description="surface: what a tissue would do; the axisymmetric states, stable or not; "
+        "these up to the first loss of symmetry and then the branch that leaves them",
     )
     max_wavenumber: int = Field(
         default=8, ge=2, le=40, description="meridian: stability is counted for m = 0 .. this"
