@@ -1,9 +1,10 @@
 """The folder of a run: what is written as it goes, and how it is read again.
 
 ``case.toml`` the resolved case; ``path.csv`` one row a state; ``events.json``; ``fields.pvd`` and
-``fields/`` for ParaView; ``states/`` every state (`opticcup_fem.states`); ``sections.npz`` meridian
-sections; pictures made from these.  The meridian model adds ``modes.npz`` and writes no fields and
-no states.  Whenever a run is cut short, the files in its folder are complete up to there.
+``fields/`` for ParaView; ``states/`` every state that a cup takes (`opticcup_fem.states`);
+``sections.npz`` meridian sections; pictures made from these.  Critical modes: ``modes.pvd``, and as
+arrays ``modes.npz`` of the meridian model, ``critical.npz`` of the surface model.  Whenever a run
+is cut short, the files in its folder are complete up to there.
 """
 
 import csv
@@ -31,7 +32,8 @@ if TYPE_CHECKING:
 CASE, PATH, EVENTS = "case.toml", "path.csv", "events.json"
 SECTIONS, COLLECTION, FIELDS = "sections.npz", "fields.pvd", "fields"
 SUMMARY, COMPARISON, SOLID = "summary.png", "comparison.png", "cup.png"
-BIFURCATION, MODES = "bifurcation.png", "modes.npz"
+BIFURCATION, MODES, MODE_COLLECTION = "bifurcation.png", "modes.npz", "modes.pvd"
+CRITICAL, CRITICAL_PICTURE = "critical.npz", "critical.png"
 MOVIE, VIEW = "movie.mp4", "view.html"
 
 AZIMUTHS = 8
@@ -70,6 +72,7 @@ class RunFolder:
             ) from error
         self._columns: tuple[str, ...] = ()
         self._fields: list[tuple[float, str]] = []
+        self._mode_fields: list[tuple[float, str]] = []
         self._sections: list[tuple[float, tuple[Section, ...]]] = []
         self._meridians: Meridians | None = None
         self.write_state = StateWriter(self.path / STATES)
@@ -94,8 +97,9 @@ class RunFolder:
 
     def _clear(self) -> None:
         """Delete an earlier run's records."""
-        pictures = (SUMMARY, COMPARISON, SOLID, BIFURCATION, MOVIE, VIEW)
-        names = (CASE, PATH, EVENTS, SECTIONS, COLLECTION, MODES, *pictures)
+        pictures = (SUMMARY, COMPARISON, SOLID, BIFURCATION, CRITICAL_PICTURE, MOVIE, VIEW)
+        modes = (MODES, MODE_COLLECTION, CRITICAL)
+        names = (CASE, PATH, EVENTS, SECTIONS, COLLECTION, *modes, *pictures)
         earlier = [self.path / name for name in names]
         for file in [*earlier, *(self.path / FIELDS).glob("*.vtu")]:
             file.unlink(missing_ok=True)
@@ -133,6 +137,14 @@ class RunFolder:
         write_collection(self.path / COLLECTION, self._fields)
         return self.path / name
 
+    def write_mode_fields(self, snapshot: Snapshot, mode: NDArray[np.float64]) -> Path:
+        """Write a critical state's fields with its ``mode``, shape (n, 3), and add to modes.pvd."""
+        name = f"{FIELDS}/mode{len(self._mode_fields):04d}.vtu"
+        write_fields(self.path / name, snapshot, {"mode": mode})
+        self._mode_fields.append((float(snapshot.t_n), name))
+        write_collection(self.path / MODE_COLLECTION, self._mode_fields)
+        return self.path / name
+
     def write_sections(self, snapshot: Snapshot) -> None:
         """Add a state's meridian sections to sections.npz."""
         if self._meridians is None:
@@ -147,6 +159,10 @@ class RunFolder:
     def write_modes(self, **arrays: NDArray[Any]) -> None:
         """Replace modes.npz, the critical modes of an axisymmetric path."""
         self._write_arrays(MODES, arrays)
+
+    def write_critical(self, **arrays: NDArray[Any]) -> None:
+        """Replace critical.npz, the critical modes of a surface run."""
+        self._write_arrays(CRITICAL, arrays)
 
     def _write_arrays(self, name: str, arrays: Mapping[str, NDArray[Any]]) -> None:
         unfinished = self.path / f".{name}"

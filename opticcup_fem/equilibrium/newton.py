@@ -35,6 +35,10 @@ SMALLEST_FRACTION = 0.02
 """Newton steps are not cut below this fraction."""
 
 
+WANDERING = 10.0
+"""A residual this many times the smallest one before ends a solve; measured on growing cups."""
+
+
 class Drag(NamedTuple):
     """Viscous term rate M (u - u_start) of a backward Euler step.
 
@@ -76,7 +80,7 @@ class MixedNewton:
         problem: Problem,
         tolerance: float = 1e-8,
         max_iterations: int = 15,
-        wandering: float = 10.0,
+        wandering: float = WANDERING,
     ) -> None:
         """Set SNES up.
 

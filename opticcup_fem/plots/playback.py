@@ -49,10 +49,17 @@ class Playback:
         """Read a run.
 
         Raises:
-            CaseError: The folder holds no states, or no rows.
+            CaseError: The folder holds no states, no rows, or another shape than a cup.
         """
         self.states = States(run_dir)
-        self.path: pd.DataFrame = read_path(run_dir).iloc[: len(self.states)]
+        if not {"cap", "oov"} <= set(self.states[0].layers):
+            raise CaseError(
+                f"{run_dir}: movies, pages and pairs show closed cups, shape.kind = cup"
+            )
+        path = read_path(run_dir)
+        # of a whole path, with its unstable parts, only what a cup follows has states
+        followed = path[path["followed"].astype(bool)] if "followed" in path else path
+        self.path: pd.DataFrame = followed.iloc[: len(self.states)]
         if len(self.path) == 0:
             raise CaseError(f"{run_dir} holds no rows: the run has not come to its first state")
         self.events: list[dict[str, Any]] = [

@@ -7,10 +7,12 @@ from pathlib import Path
 from mpi4py import MPI
 
 from opticcup_fem.case import Case
+from opticcup_fem.case.checks import require_cup
+from opticcup_fem.equilibrium.critical import CriticalPoint
 from opticcup_fem.equilibrium.path import PathPoint
 from opticcup_fem.errors import ClosureBreakdown, OpticCupError
 from opticcup_fem.shell.model import Shell
-from opticcup_fem.shell.recovery import capture
+from opticcup_fem.shell.recovery import capture, gather_nodes
 from opticcup_fem.studies.model import shell_of, stepping_of
 from opticcup_fem.studies.outcome import RunSummary, on_root
 from opticcup_fem.studies.progress import Progress, sentence
@@ -29,9 +31,10 @@ def run(
         comm: MPI communicator, all ranks by default.
 
     Raises:
-        CaseError: The folder cannot be written.
+        CaseError: The shape is not a cup, or the folder cannot be written.
         MeshError: The cup cannot be meshed as the case asks.
     """
+    require_cup(case, 'run.model = "surface" is')
     comm = comm or MPI.COMM_WORLD
     progress = Progress(case.run.t_end, shown=comm.rank == 0 and not quiet)
     recorder = on_root(comm, lambda: Recorder(case, out_dir, progress))
@@ -55,6 +58,8 @@ def run(
 
 def _record(recorder: Recorder | None, shell: Shell, point: PathPoint) -> bool:
     """Record a state on rank 0; return on every rank whether the run goes on (collective)."""
+    for critical in point.critical:
+        _record_critical(recorder, shell, critical)
     snapshot = capture(shell, point.state, point.t_n)
     goes_on = True
     if recorder is not None and snapshot is not None:
@@ -63,6 +68,19 @@ def _record(recorder: Recorder | None, shell: Shell, point: PathPoint) -> bool:
         )
         goes_on = recorder.accept(snapshot, numbers)
     return bool(shell.comm.bcast(goes_on))
+
+
+def _record_critical(recorder: Recorder | None, shell: Shell, critical: CriticalPoint) -> None:
+    """Record a critical point with its mode on rank 0 (collective)."""
+    t_n = shell.t_n
+    shell.set_time(critical.at)
+    snapshot, motion = (
+        capture(shell, critical.state, critical.at),
+        gather_nodes(shell, critical.mode.r),
+    )
+    shell.set_time(t_n)
+    if recorder is not None and snapshot is not None and motion is not None:
+        recorder.critical(critical, snapshot, motion)
 
 
 def _record_breakdown(recorder: Recorder, failure: OpticCupError | None) -> None:

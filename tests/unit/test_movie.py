@@ -258,6 +258,23 @@ def test_wrong_requests_are_one_sentence(
     assert not list(tmp_path.iterdir())
 
 
+def test_other_shapes_than_cups_are_refused(sphere: Snapshot, tmp_path: Path) -> None:
+    """A cap of its own has no OOV to draw."""
+    cells = sphere.cells_of("cap")
+    fields = {"thickness_stretch": sphere.thickness_stretch, "stress": sphere.stress}
+    alone = replace(
+        sphere,
+        cells=sphere.cells[cells],
+        region=sphere.region[cells],
+        orientation=sphere.orientation[cells],
+        layers={"cap": sphere.layers["cap"]},
+        faces={"cap": sphere.faces["cap"]},
+        **{name: {k: v[cells] for k, v in values.items()} for name, values in fields.items()},
+    )
+    with pytest.raises(CaseError, match="closed cups"):
+        movie([made_run(tmp_path / "run", [alone])], tmp_path / "movie.mp4")
+
+
 def test_a_missing_encoder_is_said_before_drawing(
     run_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
