@@ -16,6 +16,7 @@ from opticcup_fem.fields import replace_text
 from opticcup_fem.plots import style
 from opticcup_fem.plots.body import Shape, Surface, layer_surfaces
 from opticcup_fem.plots.curves import branches
+from opticcup_fem.plots.page import UNSTABLE
 from opticcup_fem.plots.playback import Playback, load_playbacks
 from opticcup_fem.plots.scene_colours import COLOUR_LABELS, colour_map, colour_scale
 from opticcup_fem.records import VIEW
@@ -273,6 +274,8 @@ def _title(playback: Playback, k: int) -> str:
     ]
     if k and playback.course.branch[k] != playback.course.branch[k - 1]:
         events.append("after a jump")
+    if not playback.stable[k]:
+        events.append(UNSTABLE)
     said = [playback.title, f"t_n = {t_n[k]:.4f}", *events]
     return _plain(" &nbsp; ".join(said))
 
