@@ -118,7 +118,7 @@ def captions(
         lines = ["the run has ended", *beyond] if moment.ended else [label]
         between = moment.jump and 0 < moment.along < 1
         at = moment.before + (moment.along == 1)
-        unstable = not between and not playback.stable[at]
+        unstable = not between and not bool(playback.stable[at])
         lines += [TRANSITION] * between + [UNSTABLE] * unstable
         alarm = {"alarm": "yes"} if between or unstable else {}
         texts.append({"text": "\n".join(line for line in lines if line)} | alarm)
