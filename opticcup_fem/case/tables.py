@@ -166,9 +166,7 @@ class Output(_Table):
         description="t_n landed on exactly, with fields; default every 0.1 to t_end",
     )
     fields: bool = Field(default=True, description="fields for ParaView at output.times")
-    states: bool = Field(
-        default=True, description="surface: keep every state, for movies and pages"
-    )
+    states: bool = Field(default=True, description="keep every state, for movies and pages")
     picture: bool = Field(default=True, description="write the pictures")
 
 
