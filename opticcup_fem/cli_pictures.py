@@ -43,7 +43,7 @@ def movie(
 ) -> None:
     """Draw a movie of a run, or of two side by side.
 
-    Needs the states that a run on the surface model keeps (output.states). Time goes on at a
+    Needs the states that a run keeps (output.states). Time goes on at a
     constant rate in t_n; jumps are shown slowly, and marked: their shapes are no equilibria.
     """
     quantity = _quantity(layers, lambda3, stress)
@@ -80,7 +80,7 @@ def view(
     """Write an interactive page of a run.
 
     One file for any browser, without a server or a network: turn the cup, scrub through t_n.
-    Needs the states that a run on the surface model keeps (output.states).
+    Needs the states that a run keeps (output.states).
     """
     quantity = _quantity(layers, lambda3, stress)
 

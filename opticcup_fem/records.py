@@ -1,7 +1,7 @@
 """The folder of a run: what is written as it goes, and how it is read again.
 
 ``case.toml`` the resolved case; ``path.csv`` one row a state; ``events.json``; ``fields.pvd`` and
-``fields/`` for ParaView; ``states/`` every state of the surface model (`opticcup_fem.states`);
+``fields/`` for ParaView; ``states/`` every state that a cup takes (`opticcup_fem.states`);
 ``sections.npz`` meridian sections; pictures made from these.  Critical modes: ``modes.pvd``, and as
 arrays ``modes.npz`` of the meridian model, ``critical.npz`` of the surface model.  Whenever a run
 is cut short, the files in its folder are complete up to there.

@@ -1,8 +1,8 @@
-"""Every accepted state of a run, kept in small HDF5 files: enough to draw or measure any of them.
+"""Every state that a run's cup takes, in small HDF5 files: enough to draw or measure any of them.
 
 ``states/mesh.h5`` holds what all states of a run share, ``states/00000.h5``, ``00001.h5``, ... one
-state each, in the order of path.csv.  A file appears whole or not at all, so that whatever ends a
-run leaves every earlier state readable.
+state each, in the order of path.csv (of a whole path, of its followed rows).  A file appears whole
+or not at all, so that whatever ends a run leaves every earlier state readable.
 
 A state keeps positions to the last digit.  What only pictures need (faces, thickness stretches,
 stresses) is kept in single precision, the faces as heights over the middle surface.
@@ -139,8 +139,7 @@ class States(Sequence[Snapshot]):
             self._files.append(file)
         if not self._files or not (self.folder / MESH).exists():
             raise CaseError(
-                f"{run_dir} holds no states: run its case on the surface model with "
-                "output.states = true"
+                f"{run_dir} holds no states: run its case again with output.states = true"
             )
         self._mesh = _read_mesh(self.folder / MESH)
         times, jumps = [], []

@@ -5,7 +5,7 @@ A movie is drawn in a process of its own, which has a display whatever the machi
 
 import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from opticcup_fem.errors import CaseError
 from opticcup_fem.plots.display import draw_apart
 from opticcup_fem.plots.encoder import Encoder, check_output
 from opticcup_fem.plots.playback import Playback, load_playbacks
-from opticcup_fem.plots.timeline import Course, Frame, frames
+from opticcup_fem.plots.timeline import Frame, frames
 
 EVENT_SECONDS = 2.5
 """How long an event's caption stays."""
@@ -85,28 +85,27 @@ def movie(run_dirs: Sequence[str | Path], out: str | Path, look: Look | None = N
 
 
 def captions(
-    course: Course, shown: Sequence[Frame], run: int, events: Sequence[Mapping[str, Any]], fps: int
+    playback: Playback, shown: Sequence[Frame], run: int, fps: int
 ) -> list[dict[str, str]]:
     """Return what is said of a run in each frame.
 
     Args:
-        course: The run's course.
+        playback: The run.
         shown: The frames.
         run: Which of the frames' moments is the run's.
-        events: Its events.
         fps: Frames a second.
 
     Returns:
-        For each frame "text", and "alarm" where the shape is no equilibrium.
+        For each frame "text", and "alarm" where the shape is no stable equilibrium.
     """
-    from opticcup_fem.plots.page import TRANSITION
+    from opticcup_fem.plots.page import TRANSITION, UNSTABLE
     from opticcup_fem.plots.style import event_label
 
     moments = [frame.moments[run] for frame in shown]
     times = np.array([moment.t_n for moment in moments])
     said = [""] * len(moments)
     beyond: list[str] = []
-    for event in events:
+    for event in playback.events:
         t_n, label = float(event["t_n"]), event_label(event)
         passed = np.flatnonzero((times[:-1] - t_n) * (times[1:] - t_n) <= 0)
         if len(passed):
@@ -118,8 +117,10 @@ def captions(
     for label, moment in zip(said, moments, strict=True):
         lines = ["the run has ended", *beyond] if moment.ended else [label]
         between = moment.jump and 0 < moment.along < 1
-        lines += [TRANSITION] if between else []
-        alarm = {"alarm": "yes"} if between else {}
+        at = moment.before + (moment.along == 1)
+        unstable = not between and not bool(playback.stable[at])
+        lines += [TRANSITION] * between + [UNSTABLE] * unstable
+        alarm = {"alarm": "yes"} if between or unstable else {}
         texts.append({"text": "\n".join(line for line in lines if line)} | alarm)
     return texts
 
@@ -138,7 +139,7 @@ def draw(run_dirs: Sequence[str | Path], out: Path, look: Look) -> None:
     ]
     stage = Stage(playbacks, look, [pane[2:] for pane in where.panes])
     page = Page(where, curves, stage.legend)
-    texts = [captions(p.course, shown, k, p.events, look.fps) for k, p in enumerate(playbacks)]
+    texts = [captions(p, shown, k, look.fps) for k, p in enumerate(playbacks)]
     with Encoder(out, *where.size, look.fps) as encoder:
         for number, frame in enumerate(shown):
             if look.turntable:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 _DPI = 100
 
 TRANSITION = "jump: shapes in between are no equilibria"
+UNSTABLE = "unstable: a tissue would not stay here"
 ALARM = "#c1121f"
 
 

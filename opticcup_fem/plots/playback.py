@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from opticcup_fem.case import load_case
 from opticcup_fem.errors import CaseError
@@ -32,6 +33,7 @@ class Playback:
         title: The case in a few words.
         states: Its states.
         path: Their rows.
+        stable: Whether each of them is stable, as far as its row says.
         events: Its events, those of what a cup follows.
         course: Its states on the movie's clock.
         grid: Its grid, once prepared.
@@ -49,12 +51,21 @@ class Playback:
         """Read a run.
 
         Raises:
-            CaseError: The folder holds no states, or no rows.
+            CaseError: The folder holds no states, no rows, or another shape than a cup.
         """
         self.states = States(run_dir)
-        self.path: pd.DataFrame = read_path(run_dir).iloc[: len(self.states)]
+        if not {"cap", "oov"} <= set(self.states[0].layers):
+            raise CaseError(
+                f"{run_dir}: movies, pages and pairs show closed cups, shape.kind = cup"
+            )
+        path = read_path(run_dir)
+        # of a whole path, with its unstable parts, only what a cup follows has states
+        followed = path[path["followed"].astype(bool)] if "followed" in path else path
+        self.path: pd.DataFrame = followed.iloc[: len(self.states)]
         if len(self.path) == 0:
             raise CaseError(f"{run_dir} holds no rows: the run has not come to its first state")
+        stable = self.path["stable"] if "stable" in self.path else np.ones(len(self.path))
+        self.stable: NDArray[np.bool_] = np.asarray(stable, dtype=bool)
         self.events: list[dict[str, Any]] = [
             event for event in read_events(run_dir) if event.get("followed", True)
         ]

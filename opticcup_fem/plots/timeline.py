@@ -80,7 +80,7 @@ class Course:
     def within_jump(self, k: int, along: float) -> Moment:
         """Return a moment of the jump from state k."""
         t_n = (1 - along) * self.t_n[k] + along * self.t_n[k + 1]
-        return Moment(k, along, float(t_n), jump=True)
+        return Moment(k, float(along), float(t_n), jump=True)
 
     def value(self, moment: Moment, of: Callable[[int], ArrayLike]) -> Floats:
         """Return what the states have a value of, at a moment.

@@ -9,12 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.colors import Normalize, to_hex
 
 from opticcup_fem.errors import CaseError
 from opticcup_fem.fields import replace_text
 from opticcup_fem.plots import style
 from opticcup_fem.plots.body import Shape, Surface, layer_surfaces
 from opticcup_fem.plots.curves import branches
+from opticcup_fem.plots.page import UNSTABLE
 from opticcup_fem.plots.playback import Playback, load_playbacks
 from opticcup_fem.plots.scene_colours import COLOUR_LABELS, colour_map, colour_scale
 from opticcup_fem.records import VIEW
@@ -27,6 +29,15 @@ MOST_STATES = 60
 
 _GRID = {"n_phi": 48, "n_cap": 12, "n_oov": 20}
 _DIGITS = 4
+
+_PLAIN = {
+    "$": "",
+    r"\alpha": "α",
+    r"\lambda_3": "λ<sub>3</sub>",
+    r"\mu_\mathrm{IOV}": "μ<sub>IOV</sub>",
+    "t_n": "t<sub>n</sub>",
+}
+"""Mathematics of figures in the page's own marks."""
 
 
 def view(
@@ -94,6 +105,8 @@ def _page(playback: Playback, kept: Sequence[int]) -> str:
         figure.add_trace(trace, row=1, col=1)
     for trace in _curve(playback):
         figure.add_trace(trace, row=1, col=2)
+    if bodies.scale is not None:
+        figure.add_trace(_colour_bar(playback.grid.quantity or "", bodies.scale), row=1, col=2)
     figure.add_trace(_marker(playback, kept[0]), row=1, col=2)
     moving = [*range(bodies.count), len(figure.data) - 1]
     figure.frames = [
@@ -116,7 +129,7 @@ class _Bodies:
     def __init__(self, playback: Playback) -> None:
         self._playback, self._grid = playback, playback.grid
         quantity = self._grid.quantity
-        self._scale = (
+        self.scale = (
             None
             if quantity is None
             else colour_scale(quantity, [s.values for s in playback.shapes])
@@ -171,9 +184,9 @@ class _Bodies:
         points = self._grid.layer_points(shape, layer)[surface.source]
         rounded = points.round(_DIGITS)
         parts: dict[str, Any] = {name: rounded[:, k].tolist() for k, name in enumerate("xyz")}
-        if self._scale is not None and self._grid.quantity is not None:
+        if self.scale is not None and self._grid.quantity is not None:
             values = self._grid.layer_values(shape, layer)[surface.source]
-            painted = colour_map(self._grid.quantity)(self._scale(values), bytes=True)[:, :3]
+            painted = colour_map(self._grid.quantity)(self.scale(values), bytes=True)[:, :3]
             parts["vertexcolor"] = [f"#{r:02x}{g:02x}{b:02x}" for r, g, b in painted]
         return parts
 
@@ -215,9 +228,38 @@ def _marker(playback: Playback, k: int) -> "go.Scatter":
     )
 
 
+def _colour_bar(quantity: str, scale: Normalize) -> "go.Scatter":
+    """Return a trace of no points that brings the scale of colours."""
+    import plotly.graph_objects as go
+
+    low, high = float(scale.vmin or 0.0), float(scale.vmax or 1.0)
+    even = np.linspace(low, high, 5)
+    decades = np.array([-100.0, -10.0, -1.0, 0.0, 1.0, 10.0, 100.0])
+    values = decades[(low <= decades) & (decades <= high)] if quantity == "stress" else even
+    shares = np.linspace(0.0, 1.0, 33)
+    colours = [to_hex(colour) for colour in colour_map(quantity)(shares)]
+    bar = {
+        "tickvals": [float(scale(value)) for value in values],
+        "ticktext": [f"{value:.3g}" for value in values],
+        "title": {"text": _plain(COLOUR_LABELS[quantity]), "side": "top"},
+        "orientation": "h",
+        "x": 0.3,
+        "y": 0.0,
+        "len": 0.4,
+        "thickness": 12,
+    }
+    marker = {"color": [0.0], "cmin": 0.0, "cmax": 1.0, "showscale": True, "colorbar": bar}
+    marker["colorscale"] = [[float(at), name] for at, name in zip(shares, colours, strict=True)]
+    return go.Scatter(
+        x=[None], y=[None], mode="markers", marker=marker, showlegend=False, hoverinfo="skip"
+    )
+
+
 def _plain(label: str) -> str:
     """Return a label of a figure without its mathematics marks."""
-    return label.replace("$", "").replace(r"\alpha", "α").replace("t_n", "t<sub>n</sub>")
+    for mathematics, plain in _PLAIN.items():
+        label = label.replace(mathematics, plain)
+    return label
 
 
 def _title(playback: Playback, k: int) -> str:
@@ -232,6 +274,8 @@ def _title(playback: Playback, k: int) -> str:
     ]
     if k and playback.course.branch[k] != playback.course.branch[k - 1]:
         events.append("after a jump")
+    if not playback.stable[k]:
+        events.append(UNSTABLE)
     said = [playback.title, f"t_n = {t_n[k]:.4f}", *events]
     return _plain(" &nbsp; ".join(said))
 
@@ -296,8 +340,3 @@ def _arrange(figure: "go.Figure", playback: Playback, kept: Sequence[int]) -> No
             }
         ],
     )
-    if playback.grid.quantity is not None:
-        label = COLOUR_LABELS[playback.grid.quantity]
-        figure.add_annotation(
-            text=_plain(label), x=0.0, y=0.02, xref="paper", yref="paper", showarrow=False
-        )

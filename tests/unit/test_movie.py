@@ -193,13 +193,24 @@ def test_captions_say_what_is_seen(run_dir: Path) -> None:
     """The event from its time on, the jump while it lasts, the end of a run that ends first."""
     playback = Playback(run_dir)
     shown = frames([playback.course], 2.0, 10)
-    said = captions(playback.course, shown, 0, playback.events, 10)
+    said = captions(playback, shown, 0, 10)
     first = next(k for k, text in enumerate(said) if "primary invagination" in text["text"])
     assert shown[first].moments[0].t_n == pytest.approx(0.5, abs=0.06)
     for frame, text in zip(shown, said, strict=True):
         moment = frame.moments[0]
         between = moment.jump and 0 < moment.along < 1
         assert ("no equilibria" in text["text"]) == between == ("alarm" in text)
+
+
+def test_unstable_states_are_called_so(run_dir: Path) -> None:
+    """In the captions of a run whose rows say so, from the unstable state on."""
+    playback = Playback(run_dir)
+    playback.stable = np.array([True, False, True])
+    shown = frames([playback.course], 2.0, 10)
+    for frame, text in zip(shown, captions(playback, shown, 0, 10), strict=True):
+        moment = frame.moments[0]
+        at_second = moment.before == 1 and (moment.along == 0 or not moment.jump)
+        assert ("a tissue would not stay" in text["text"]) == at_second
 
 
 def test_two_runs_in_one_movie_and_one_picture(run_dir: Path, tmp_path: Path) -> None:
@@ -256,6 +267,23 @@ def test_wrong_requests_are_one_sentence(
         request_(run_dir)  # type: ignore[operator]
     assert "\n" not in str(caught.value)
     assert not list(tmp_path.iterdir())
+
+
+def test_other_shapes_than_cups_are_refused(sphere: Snapshot, tmp_path: Path) -> None:
+    """A cap of its own has no OOV to draw."""
+    cells = sphere.cells_of("cap")
+    fields = {"thickness_stretch": sphere.thickness_stretch, "stress": sphere.stress}
+    alone = replace(
+        sphere,
+        cells=sphere.cells[cells],
+        region=sphere.region[cells],
+        orientation=sphere.orientation[cells],
+        layers={"cap": sphere.layers["cap"]},
+        faces={"cap": sphere.faces["cap"]},
+        **{name: {k: v[cells] for k, v in values.items()} for name, values in fields.items()},
+    )
+    with pytest.raises(CaseError, match="closed cups"):
+        movie([made_run(tmp_path / "run", [alone])], tmp_path / "movie.mp4")
 
 
 def test_a_missing_encoder_is_said_before_drawing(

@@ -34,7 +34,8 @@ def task_of(case: Case, kind: str = "cup") -> Task:
     model = case.run.model
     for name in _UNUSED[model]:
         del tables[name]
-    tables["output"] = {"times": tables["output"]["times"], "fields": False, "picture": False}
+    unwanted = dict.fromkeys(("fields", "states", "picture"), False)
+    tables["output"] = {"times": tables["output"]["times"], **unwanted}
     del tables["shape"]["radius_um"]
     return Task.of("surface_cup" if model == "surface" else kind, model, tables)
 
