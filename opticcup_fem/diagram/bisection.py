@@ -32,17 +32,23 @@ class Bracket:
         return (self.high - self.low) / 2
 
 
-def first_change(answers: Iterable[tuple[float, bool | None]]) -> Bracket | None:
-    """Return the interval of the first change of answer, None if there is none.
+def changes(answers: Iterable[tuple[float, bool | None]]) -> list[Bracket]:
+    """Return the intervals over which the answer changes, in their order.
 
     Args:
         answers: Pairs of parameter and answer; None is no answer.
     """
     known = sorted((x, yes) for x, yes in answers if yes is not None)
-    for (low, before), (high, after) in pairwise(known):
-        if before != after:
-            return Bracket(low, high, after)
-    return None
+    return [
+        Bracket(low, high, after)
+        for (low, before), (high, after) in pairwise(known)
+        if before != after
+    ]
+
+
+def first_change(answers: Iterable[tuple[float, bool | None]]) -> Bracket | None:
+    """Return the first of the ``changes``, None if there is none."""
+    return next(iter(changes(answers)), None)
 
 
 def bisect(

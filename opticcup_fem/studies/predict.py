@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from opticcup_fem.case import Case, parse_case
-from opticcup_fem.diagram.bisection import Bracket, bisect, first_change
+from opticcup_fem.diagram.bisection import Bracket, bisect, changes
 from opticcup_fem.diagram.regimes import Regime, regime, second_event
 from opticcup_fem.diagram.tornado import Effect, effects
 from opticcup_fem.studies.sweep.cache import Record, ResultCache
@@ -234,7 +235,7 @@ def _row(record: Record) -> dict[str, Any]:
 
 
 def _boundary(engine: Engine, geometry: Geometry) -> Bracket | None:
-    """Return R/h between which the regime turns to or from abnormal, within 1 %."""
+    """Return R/h between which the regime turns to or from abnormal nearest by, within 1 %."""
     ratio = geometry.radius / geometry.thickness
 
     def answers(questions: Sequence[float]) -> list[bool | None]:
@@ -244,9 +245,11 @@ def _boundary(engine: Engine, geometry: Geometry) -> Bracket | None:
         return [None if fate == "undecided" else fate == "abnormal" for fate in fates]
 
     places = [factor * ratio for factor in FACTORS if factor * ratio >= 2.0]
-    bracket = first_change(zip(places, answers(places), strict=True))
-    if bracket is None:
+    brackets = changes(zip(places, answers(places), strict=True))
+    if not brackets:
         return None
+    # very thick cups may turn abnormal too: the boundary in question is the nearest
+    bracket = min(brackets, key=lambda one: abs(math.log(one.middle / ratio)))
     found = bisect(
         {"R/h": bracket},
         {"R/h": 0.01 * bracket.middle},

@@ -10,7 +10,7 @@ import math
 import numpy as np
 import pytest
 
-from opticcup_fem.diagram.bisection import Bracket, bisect, first_change
+from opticcup_fem.diagram.bisection import Bracket, bisect, changes, first_change
 from opticcup_fem.diagram.fits import fit_laws, fitted_line, transition
 from opticcup_fem.diagram.regimes import margin, regime, second_event
 from opticcup_fem.diagram.tornado import effects
@@ -148,6 +148,7 @@ def test_laws_without_cups_are_missing():
 def test_first_change_skips_what_has_no_answer():
     answers = [(3.0, None), (1.0, False), (4.0, True), (2.0, False), (5.0, False)]
     assert first_change(answers) == Bracket(2.0, 4.0, True)
+    assert changes(answers) == [Bracket(2.0, 4.0, True), Bracket(4.0, 5.0, False)]
     assert first_change([(1.0, True), (2.0, False)]) == Bracket(1.0, 2.0, False)
     assert first_change([(1.0, True), (2.0, True), (3.0, None)]) is None
 

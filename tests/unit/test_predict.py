@@ -1,6 +1,6 @@
 """A forecast from cups that obey a simple law, in the place of computed ones.
 
-Worth reading: the law says that cups buckle beyond R/h = 14 and deepen at t_n = 4/n otherwise.
+Worth reading: the law says that cups buckle below R/h = 6 and beyond 14 and deepen at t_n = 4/n otherwise.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class Lawful:
             ratio = case["shape"]["radius_over_thickness"]
             n = case["material"]["modulus_ratio"]
             row = {**empty_row(), "t_1": 0.05, "type_1": "fold", "largest_D_over_r": 5 / ratio}
-            if ratio > 14:
+            if ratio > 14 or ratio < 6:
                 row |= {"t_b": 0.3, "m_b": 2, "kappa_b": 12.0, "type_b": "bifurcation"}
             else:
                 row |= {"t_2": 4 / n, "type_2": "smooth", "kappa_2": 9.0}
