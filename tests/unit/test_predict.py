@@ -1,6 +1,7 @@
 """A forecast from cups that obey a simple law, in the place of computed ones.
 
-Worth reading: the law says that cups buckle below R/h = 6 and beyond 14 and deepen at t_n = 4/n otherwise.
+Worth reading: the law says that cups buckle below R/h = 6 and beyond 14, and deepen at t_n = 4/n
+otherwise.
 """
 
 from __future__ import annotations
