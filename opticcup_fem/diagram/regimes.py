@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Literal
 
-AT_ONCE = 0.99
-"""Events later than this share of the time at which ellipticity is lost belong to that loss: all
-wavenumbers lose their stability with it."""
+AT_ONCE = 0.98
+"""Events later than this share of the time at which the closure breaks down belong to that
+breakdown: all wavenumbers lose their stability with it."""
 
 Regime = Literal["evaginated", "invaginated", "normal", "abnormal", "undecided"]
 Row = Mapping[str, Any]
@@ -28,17 +28,26 @@ def regime(row: Row) -> Regime:
     t_2, t_b = row.get("t_2"), row.get("t_b")
     if row.get("status", "ok") not in ("ok", "ended early"):
         return "undecided"
-    lost = row.get("t_ellipticity")
+    lost = breakdown(row)
     if lost is not None:
         t_2, t_b = (None if t is None or t > AT_ONCE * lost else t for t in (t_2, t_b))
     if t_b is not None and (t_2 is None or t_b <= t_2):
         return "abnormal"
     if t_2 is not None:
         return "normal"
-    if row.get("status") == "ended early" or lost is not None:
+    if lost is not None:
         return "undecided"
     depth = row.get("largest_D_over_r")
     return "evaginated" if depth is None or depth <= 0 else "invaginated"
+
+
+def breakdown(row: Row) -> float | None:
+    """Return the time from which a path says nothing: without ellipticity, or at its early end."""
+    lost = row.get("t_ellipticity")
+    if row.get("status") == "ended early":
+        end = row.get("t_reached")
+        return min((t for t in (lost, end) if t is not None), default=0.0)
+    return None if lost is None else float(lost)
 
 
 def second_event(row: Row) -> tuple[str, float, float] | None:

@@ -10,7 +10,7 @@ import pandas as pd
 from matplotlib.colors import Normalize, SymLogNorm
 from matplotlib.figure import Figure
 
-from opticcup_fem.diagram.regimes import AT_ONCE, regime, second_event
+from opticcup_fem.diagram.regimes import AT_ONCE, breakdown, regime, second_event
 from opticcup_fem.plots import style
 from opticcup_fem.report.figures.base import (
     EVENT_COLOURS,
@@ -262,8 +262,8 @@ def _draw_poisson(axes: Any, cups: Sequence[Computed], theta: float) -> None:
 
 
 def _before_breakdown(row: Row, suffix: str) -> bool:
-    """Tell whether an event is there, and not a part of the loss of ellipticity."""
-    t_n, lost = row[f"t_{suffix}"], row["t_ellipticity"]
+    """Tell whether an event is there, and not a part of the closure's breakdown."""
+    t_n, lost = row[f"t_{suffix}"], breakdown(row)
     return t_n is not None and (lost is None or t_n <= AT_ONCE * lost)
 
 
