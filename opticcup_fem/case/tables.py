@@ -102,6 +102,18 @@ class Growth(_Table):
         return 1.0 + rate * t_n
 
 
+class Imperfection(_Table):
+    """A deliberate imperfection of the mid-surface, on the surface model."""
+
+    amplitude: float = Field(
+        default=0.0, ge=0, le=2, description="of the radial wave sin^k theta cos(m phi), in h"
+    )
+    wavenumber: int = Field(
+        default=2, ge=0, le=20, description="m, 2 or more; 0: a random mixture of m = 2 .. 8"
+    )
+    seed: int = Field(default=1, ge=0, description="seed of phase and mixture")
+
+
 class Run(_Table):
     """Which discretisation, and how far."""
 
@@ -178,6 +190,9 @@ class Case(_Table):
     shape: Shape = Field(default=Shape(), description="geometry")
     material: Material = Field(default=Material(), description="layers and closure")
     growth: Growth = Field(default=Growth(), description="growth factors e = 1 + rate t_n")
+    imperfection: Imperfection = Field(
+        default=Imperfection(), description="surface model only: of the mid-surface"
+    )
     run: Run = Field(default=Run(), description="discretisation and last time")
     mesh: Mesh = Field(
         default=Mesh(), validate_default=True, description="surface model only: mesh"

@@ -12,6 +12,7 @@ from opticcup_fem.equilibrium.jumps import Relaxation
 from opticcup_fem.equilibrium.newton import MixedNewton, Solution
 from opticcup_fem.equilibrium.problem import Problem
 from opticcup_fem.equilibrium.relaxation import Relaxed
+from opticcup_fem.equilibrium.stability import NegativeEigenvalues
 from opticcup_fem.equilibrium.steps import Course, History, StepControl
 from opticcup_fem.errors import ClosureBreakdown, ConvergenceError, OpticCupError
 from opticcup_fem.shell.model import ShellState
@@ -95,6 +96,8 @@ class LoadStepping:
         """
         self.problem, self.newton, self.relaxation = problem, newton, relaxation
         self.control, self.critical = control, critical
+        spectrum = None if critical is None else critical.spectrum
+        self._negative_eigenvalues = NegativeEigenvalues(newton, spectrum)
         self.end: PathEnd | None = None
         self.accepted = 0
 
@@ -180,9 +183,8 @@ class LoadStepping:
         near = guess if before is None else before.state
         if not solution.converged or self._moved(solution.state, near) > self.control.max_move:
             return Attempt(solution)
-        inertia = self.newton.inertia()
-        negative = None if inertia is None else inertia.negative
         state = shell.with_updated_directors(solution.state)
+        negative = self._negative_eigenvalues.at_solution(state)
         if negative and not self._admits(Known(t_n, state, negative), before):
             return Attempt(solution, unstable=state)
         energy = shell.energy(state)
@@ -251,11 +253,14 @@ class LoadStepping:
         if not relaxed.converged:
             self.end = PathEnd(t_n, attempt if relaxed.lost is None else relaxed)
             return None
+        negative = relaxed.negative_eigenvalues
+        if negative is None:  # the flow ends in a solution of Newton's method
+            negative = self._negative_eigenvalues.at_solution(relaxed.state)
         return PathPoint(
             t_n,
             relaxed.state,
             self._moved(relaxed.state, point.state) > self.control.jump_move,
-            relaxed.negative_eigenvalues,
+            negative,
             relaxed.factorisations,
             relaxed.residual,
             relaxed.energy,
