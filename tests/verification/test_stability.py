@@ -15,13 +15,17 @@ from opticcup_fem.equilibrium.newton import MixedNewton
 from opticcup_fem.equilibrium.problem import Problem
 from opticcup_fem.equilibrium.spectrum import Spectrum
 from opticcup_fem.mesh import cup_mesh
+from opticcup_fem.observables import Observer, azimuthal_spectrum
 from opticcup_fem.shell.growth import LinearGrowth
+from opticcup_fem.shell.imperfection import Imperfection, Wave
 from opticcup_fem.shell.loads import Pressure
 from opticcup_fem.shell.model import Shell, ShellState
+from opticcup_fem.shell.recovery import capture
 from opticcup_fem.shell.supports import rigid_modes_of_cup
 from opticcup_fem.studies.meridian import path_of
-from opticcup_fem.studies.model import shell_of, stepping_of
+from opticcup_fem.studies.model import growth_of, mesh_of, sections_of, shell_of, stepping_of
 from opticcup_fem.studies.stability import classifier
+from tests.support.cups import coarse_case
 from tests.support.shells import ALPHA, wall
 
 pytestmark = pytest.mark.slow
@@ -102,3 +106,50 @@ def test_sphere_under_external_pressure() -> None:
     assert nominal[count:].min() - nominal[:count].max() > 4e-3
     # the determinant changes its sign or not as 25 is odd; the count is that of the family
     assert [negative[load] for load in (1.0, 1.02, 1.033, 1.038)] == [0, 0, 0, count]
+
+
+def interface_m2(amplitude: float, phase: float, times: tuple[float, ...]) -> dict[float, complex]:
+    """Return the amplitude of m = 2 on the interface circle of a coarse cup of R/h = 15.
+
+    Args:
+        amplitude: Of an imperfection in m = 2, over h.
+        phase: Its phase.
+        times: Normalised times.
+    """
+    case = coarse_case(15.0, times[-1])
+    imperfection = Imperfection((Wave(2, amplitude * case.shape.thickness, phase),))
+    mesh, sections = mesh_of(case, MPI.COMM_SELF), sections_of(case)
+    shell = Shell(mesh, sections, growth_of(case), imperfection=imperfection)
+    stepping = stepping_of(case, shell)
+    stepping.critical = None
+    found = {}
+    for point in stepping.follow(shell.reference_state(), times[-1], times):
+        if point.t_n in times:
+            snapshot = capture(shell, point.state, point.t_n)
+            assert snapshot is not None
+            observer = Observer(snapshot)
+            moved = observer.frame(snapshot)(snapshot.position) - snapshot.reference
+            spectrum = azimuthal_spectrum(observer.on_interface(moved), observer.phi)
+            found[point.t_n] = complex(spectrum[2, 0])
+    assert stepping.failure() is None
+    return found
+
+
+def test_imperfect_cup_bends_before_the_bifurcation() -> None:
+    """Its m = 2 grows as the eigenvalue falls, with the sign of the imperfection, in proportion.
+
+    In time with 1/eigenvalue: .0173 at t_n = .1, .0061 at .2 on the perfect cup.
+    """
+    times, amplitude = (0.1, 0.15, 0.2), 0.002
+    own, once, twice, opposite = (
+        interface_m2(*keys, times)
+        for keys in ((0.0, 0.0), (amplitude, 0.0), (2 * amplitude, 0.0), (amplitude, math.pi))
+    )
+    response = {t_n: once[t_n] - own[t_n] for t_n in times}
+    print("m = 2 on the interface, over h:", {t: 15 * response[t] for t in times}, "mesh", own)
+    sizes = [response[t_n].real for t_n in times]
+    assert sizes[0] > 0 and sizes[2] > 1.5 * sizes[1] > 1.5 * 1.2 * sizes[0]
+    assert sizes[2] > amplitude / 15
+    for t_n in times:
+        assert twice[t_n] - own[t_n] == pytest.approx(2 * response[t_n], rel=0.05)
+        assert opposite[t_n] - own[t_n] == pytest.approx(-response[t_n], rel=0.05)
