@@ -114,6 +114,12 @@ class Run(_Table):
         description="surface: what a tissue would do; the axisymmetric states, stable or not; "
         "these up to the first loss of symmetry and then the branch that leaves them",
     )
+    switch_wavenumber: int = Field(
+        default=0,
+        ge=0,
+        le=16,
+        description="surface: m of the mode along which a lost symmetry is left; 0, the critical",
+    )
     max_wavenumber: int = Field(
         default=8, ge=2, le=40, description="meridian: stability is counted for m = 0 .. this"
     )

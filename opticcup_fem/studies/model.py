@@ -88,6 +88,7 @@ def stepping_of(case: Case, shell: Shell) -> Stepping:
     )
     relaxation, critical = make_relaxation(problem, newton), critical_points_of(shell, newton)
     if case.run.follow == "stable":
-        return LoadStepping(problem, newton, relaxation, control, critical)
+        wavenumber = case.run.switch_wavenumber
+        return LoadStepping(problem, newton, relaxation, control, critical, wavenumber)
     stem = AxisymmetricStepping(problem, newton, relaxation, control, critical)
     return stem if case.run.follow == "axisymmetric" else BranchStepping(stem, BranchPath(problem))
