@@ -116,7 +116,7 @@ def _check_imperfection(case: Case) -> None:
             "a wave of m = 1 is hardly more than a shift of the shell; take 2 or more, or 0 for a "
             "random mixture",
         )
-    if imperfection.amplitude and case.run.follow == "axisymmetric":
+    if imperfection.amplitude and case.run.follow != "stable":
         _reject(
             "imperfection.amplitude",
             imperfection.amplitude,

@@ -121,9 +121,16 @@ class Run(_Table):
         default="surface",
         description="discretisation: whole surface, or axisymmetric",
     )
-    follow: Literal["stable", "axisymmetric"] = Field(
+    follow: Literal["stable", "axisymmetric", "branch"] = Field(
         default="stable",
-        description="surface: what a tissue would do, or the axisymmetric states, stable or not",
+        description="surface: what a tissue would do; the axisymmetric states, stable or not; "
+        "these up to the first loss of symmetry and then the branch that leaves them",
+    )
+    switch_wavenumber: int = Field(
+        default=0,
+        ge=0,
+        le=16,
+        description="surface: m of the mode along which a lost symmetry is left; 0, the critical",
     )
     max_wavenumber: int = Field(
         default=8, ge=2, le=40, description="meridian: stability is counted for m = 0 .. this"
@@ -177,6 +184,7 @@ class Output(_Table):
         description="t_n landed on exactly, with fields; default every 0.1 to t_end",
     )
     fields: bool = Field(default=True, description="fields for ParaView at output.times")
+    states: bool = Field(default=True, description="keep every state, for movies and pages")
     picture: bool = Field(default=True, description="write the pictures")
 
 

@@ -164,6 +164,9 @@ class MeridianRecorder:
         self._watch_ellipticity(point)
         if self.touched:
             point = replace(point, followed=False, jump=False)
+        if point.followed and self.case.output.states:
+            state = self._revolution.snapshot(point.state, point.t_n)
+            self.folder.write_state(state, jump=point.jump)
         row = self._row(point, crossing is not None)
         self.folder.append(row)
         self.rows.append(row)

@@ -8,6 +8,7 @@ from mpi4py import MPI
 
 from opticcup_fem.case import Case
 from opticcup_fem.equilibrium.axisymmetric import AxisymmetricStepping
+from opticcup_fem.equilibrium.branch import BranchPath, BranchStepping
 from opticcup_fem.equilibrium.jumps import make_relaxation
 from opticcup_fem.equilibrium.newton import WANDERING, MixedNewton
 from opticcup_fem.equilibrium.path import LoadStepping
@@ -82,13 +83,15 @@ def shell_of(case: Case, comm: MPI.Comm) -> Shell:
     )
 
 
-def stepping_of(case: Case, shell: Shell) -> LoadStepping:
-    """Return the load stepping of a case (collective)."""
+Stepping = LoadStepping | BranchStepping
+
+
+def stepping_of(case: Case, shell: Shell) -> Stepping:
+    """Return what follows the path that a case asks for (collective)."""
     solver = case.solver
     problem = Problem(shell, rigid_modes_of_cup(shell))
-    axisymmetric = case.run.follow == "axisymmetric"
     iterations, wandering = solver.max_iterations, WANDERING
-    if axisymmetric:  # beside a bifurcation a good iteration is long, and wanders
+    if case.run.follow != "stable":  # beside a bifurcation a good iteration is long, and wanders
         iterations, wandering = max(PATIENCE, iterations), math.inf
     newton = MixedNewton(problem, solver.tolerance, iterations, wandering)
     control = StepControl(
@@ -98,6 +101,9 @@ def stepping_of(case: Case, shell: Shell) -> LoadStepping:
         growth=solver.growth_factor,
         max_move=solver.max_move,
     )
-    kind = AxisymmetricStepping if axisymmetric else LoadStepping
-    relaxation = make_relaxation(problem, newton)
-    return kind(problem, newton, relaxation, control, critical_points_of(shell, newton))
+    relaxation, critical = make_relaxation(problem, newton), critical_points_of(shell, newton)
+    if case.run.follow == "stable":
+        wavenumber = case.run.switch_wavenumber
+        return LoadStepping(problem, newton, relaxation, control, critical, wavenumber)
+    stem = AxisymmetricStepping(problem, newton, relaxation, control, critical)
+    return stem if case.run.follow == "axisymmetric" else BranchStepping(stem, BranchPath(problem))

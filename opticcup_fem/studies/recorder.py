@@ -73,6 +73,8 @@ class Recorder:
         if crossing is not None:
             self._end_in_contact(row, crossing)
             return False
+        if self.case.output.states:
+            self.folder.write_state(snapshot, jump=numbers.jump)
         self.folder.append(row)
         self.rows.append(row)
         self._write_state(snapshot, numbers.jump)
