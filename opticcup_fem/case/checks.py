@@ -48,6 +48,24 @@ def require_cup(case: Case, what: str) -> None:
         )
 
 
+def require_perfect(case: Case, what: str) -> None:
+    """Refuse a case with an imperfection.
+
+    Args:
+        case: The case.
+        what: What is for perfect shells only, as the subject of a sentence.
+
+    Raises:
+        CaseError: The shell has an imperfection.
+    """
+    amplitude = case.imperfection.amplitude
+    if amplitude:
+        raise CaseError(
+            f"imperfection.amplitude = {amplitude:g} is not possible: {what} for the perfect shell "
+            'only; take 0, or run.model = "surface" in a run'
+        )
+
+
 def _reject(key: str, value: object, allowed: str) -> None:
     raise ValueError(f"{key} = {show(value)} is not possible: {allowed}")
 
@@ -94,6 +112,23 @@ def _check_growth_stays_positive(case: Case) -> None:
                 f"the growth factor 1 + rate t_n must stay positive up to run.t_end = "
                 f"{case.run.t_end:g}; take a rate above {-1 / case.run.t_end:g}",
             )
+
+
+def _check_imperfection(case: Case) -> None:
+    imperfection = case.imperfection
+    if imperfection.wavenumber == 1:
+        _reject(
+            "imperfection.wavenumber",
+            1,
+            "a wave of m = 1 is hardly more than a shift of the shell; take 2 or more, or 0 for a "
+            "random mixture",
+        )
+    if imperfection.amplitude and case.run.follow != "stable":
+        _reject(
+            "imperfection.amplitude",
+            imperfection.amplitude,
+            'an imperfect shell has no axisymmetric states; take 0, or run.follow = "stable"',
+        )
 
 
 def _check_mesh_resolves_the_shape(case: Case) -> None:
@@ -168,6 +203,7 @@ CROSS_CHECKS = (
     _check_cap_is_a_shell,
     _check_closure_takes_poisson,
     _check_growth_stays_positive,
+    _check_imperfection,
     _check_mesh_resolves_the_shape,
     _check_mesh_is_not_endless,
     _check_steps_are_ordered,

@@ -104,6 +104,18 @@ class Growth(_Table):
         return 1.0 + rate * t_n
 
 
+class Imperfection(_Table):
+    """A deliberate imperfection of the mid-surface, on the surface model."""
+
+    amplitude: float = Field(
+        default=0.0, ge=0, le=2, description="of the radial wave sin^k theta cos(m phi), in h"
+    )
+    wavenumber: int = Field(
+        default=2, ge=0, le=20, description="m, 2 or more; 0: a random mixture of m = 2 .. 8"
+    )
+    seed: int = Field(default=1, ge=0, description="seed of phase and mixture")
+
+
 class Run(_Table):
     """Which discretisation, and how far."""
 
@@ -115,6 +127,12 @@ class Run(_Table):
         default="stable",
         description="surface: what a tissue would do; the axisymmetric states, stable or not; "
         "these up to the first loss of symmetry and then the branch that leaves them",
+    )
+    switch_wavenumber: int = Field(
+        default=0,
+        ge=0,
+        le=16,
+        description="surface: m of the mode along which a lost symmetry is left; 0, the critical",
     )
     max_wavenumber: int = Field(
         default=8, ge=2, le=40, description="meridian: stability is counted for m = 0 .. this"
@@ -182,6 +200,9 @@ class Case(_Table):
     shape: Shape = Field(default=Shape(), description="geometry")
     material: Material = Field(default=Material(), description="layers and closure")
     growth: Growth = Field(default=Growth(), description="growth factors e = 1 + rate t_n")
+    imperfection: Imperfection = Field(
+        default=Imperfection(), description="surface model only: of the mid-surface"
+    )
     run: Run = Field(default=Run(), description="discretisation and last time")
     mesh: Mesh = Field(
         default=Mesh(), validate_default=True, description="surface model only: mesh"

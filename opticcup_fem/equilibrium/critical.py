@@ -147,6 +147,16 @@ class CriticalPoints:
             tuple(one.eigenvalue for one in modes),
         )
 
+    def softest(self, t_n: float, state: ShellState, wavenumber: int) -> Mode | None:
+        """Return the mode of a wavenumber with the eigenvalue nearest to zero (collective).
+
+        Returns:
+            None if there is none among the modes near zero.
+        """
+        modes = self._modes_at(t_n, state, 16)
+        of_m = [one for one in modes if self.classify(state, one).wavenumber == wavenumber]
+        return _nearest(of_m) if of_m else None
+
     def between(self, low: Known, high: Known) -> list[CriticalPoint]:
         """Return the bifurcations between neighbouring axisymmetric equilibria (collective).
 

@@ -120,10 +120,8 @@ def _meridian(shell: Shell, cells: NDArray[np.int32]) -> Array:
     spaces = shell.spaces
     points = shell.forms.quadrature_points
     nodes = spaces.nodes[cells]
-    base = np.einsum(
-        "cqna,cni->cqai", spaces.gradient_operator(points)[cells], shell.reference[nodes]
-    )
-    x = np.einsum("qn,cni->cqi", spaces.position_table(points), shell.reference[nodes])
+    base = np.einsum("cqna,cni->cqai", spaces.gradient_operator(points)[cells], shell.rest[nodes])
+    x = np.einsum("qn,cni->cqi", spaces.position_table(points), shell.rest[nodes])
     outwards = x * np.array([1.0, 1.0, 0.0])
     outwards[np.linalg.norm(outwards, axis=-1) < 1e-9] = (1.0, 0.0, 0.0)
     azimuth = np.cross(np.array([0.0, 0.0, 1.0]), outwards)

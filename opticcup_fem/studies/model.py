@@ -16,6 +16,7 @@ from opticcup_fem.equilibrium.problem import Problem
 from opticcup_fem.equilibrium.steps import StepControl
 from opticcup_fem.mesh import SurfaceMesh, cup_mesh, disk_mesh, open_cap_mesh
 from opticcup_fem.shell.growth import GrowthLaw, LinearGrowth
+from opticcup_fem.shell.imperfection import Imperfection, draw_imperfection
 from opticcup_fem.shell.model import Shell
 from opticcup_fem.shell.section import Layer, Section
 from opticcup_fem.shell.supports import rigid_modes_of_cup
@@ -43,6 +44,14 @@ def growth_of(case: Case) -> dict[str, GrowthLaw]:
     return {name: LinearGrowth(rate, growth.mass_change) for name, rate in rates.items()}
 
 
+def imperfection_of(case: Case) -> Imperfection | None:
+    """Return the imperfection of a case, lengths in R; None for a perfect shell."""
+    keys = case.imperfection
+    if keys.amplitude == 0:
+        return None
+    return draw_imperfection(keys.wavenumber, keys.amplitude * case.shape.thickness, keys.seed)
+
+
 def mesh_of(case: Case, comm: MPI.Comm) -> SurfaceMesh:
     """Mesh the shape of a case (collective)."""
     mesh, kind = case.mesh, case.shape.kind
@@ -65,7 +74,13 @@ def mesh_of(case: Case, comm: MPI.Comm) -> SurfaceMesh:
 
 def shell_of(case: Case, comm: MPI.Comm) -> Shell:
     """Return the shell of a case (collective)."""
-    return Shell(mesh_of(case, comm), sections_of(case), growth_of(case), case.material.closure)
+    return Shell(
+        mesh_of(case, comm),
+        sections_of(case),
+        growth_of(case),
+        case.material.closure,
+        imperfection=imperfection_of(case),
+    )
 
 
 Stepping = LoadStepping | BranchStepping
@@ -88,6 +103,11 @@ def stepping_of(case: Case, shell: Shell) -> Stepping:
     )
     relaxation, critical = make_relaxation(problem, newton), critical_points_of(shell, newton)
     if case.run.follow == "stable":
-        return LoadStepping(problem, newton, relaxation, control, critical)
+        wavenumber = case.run.switch_wavenumber
+        return LoadStepping(problem, newton, relaxation, control, critical, wavenumber)
     stem = AxisymmetricStepping(problem, newton, relaxation, control, critical)
-    return stem if case.run.follow == "axisymmetric" else BranchStepping(stem, BranchPath(problem))
+    return (
+        stem
+        if case.run.follow == "axisymmetric"
+        else BranchStepping(stem, BranchPath(problem, critical.spectrum))
+    )

@@ -18,7 +18,7 @@ WRONG = {
     "unknown key": ("shape.radius=50", ["shape.radius is not a known key", "shape.radius_um"]),
     "unknown key, nothing close": (
         "run.colour=1",
-        ["run.colour", "model, follow, max_wave"],
+        ["run.colour", "model, follow, switch_wave"],
     ),
     "unknown table": ("materials.closure=paper", ["materials is not a known table", "material?"]),
     "negative ratio": ("shape.radius_over_thickness=-5", ["= -5", "at least 2"]),

@@ -1,4 +1,4 @@
-"""Cups that are stable to small disturbances and not to finite ones: slits beside axisymmetric cups.
+"""Cups that are stable to small disturbances and not to finite ones: slits beside round cups.
 
 Below the bifurcation at theta_b the m = 2 slit exists beside the axisymmetric cup.  It is reached
 from a slenderer cup, whose axisymmetric state is unstable, by making the shell thicker.
