@@ -136,9 +136,11 @@ def interface_m2(amplitude: float, phase: float, times: tuple[float, ...]) -> di
 
 
 def test_imperfect_cup_bends_before_the_bifurcation() -> None:
-    """Its m = 2 grows as the eigenvalue falls, with the sign of the imperfection, in proportion.
+    """Its m = 2 grows as the eigenvalue falls, in proportion to the imperfection, sign included.
 
-    In time with 1/eigenvalue: .0173 at t_n = .1, .0061 at .2 on the perfect cup.
+    On the perfect cup the eigenvalue is .0173 at t_n = .1 and .0061 at .2.  The interface moves
+    inwards where the imperfection, largest at the equator, is outward.  The mesh's own
+    imperfection, which is larger, is subtracted.
     """
     times, amplitude = (0.1, 0.15, 0.2), 0.002
     own, once, twice, opposite = (
@@ -147,9 +149,10 @@ def test_imperfect_cup_bends_before_the_bifurcation() -> None:
     )
     response = {t_n: once[t_n] - own[t_n] for t_n in times}
     print("m = 2 on the interface, over h:", {t: 15 * response[t] for t in times}, "mesh", own)
-    sizes = [response[t_n].real for t_n in times]
-    assert sizes[0] > 0 and sizes[2] > 1.5 * sizes[1] > 1.5 * 1.2 * sizes[0]
-    assert sizes[2] > amplitude / 15
+    sizes = [-response[t_n].real for t_n in times]
+    assert sizes[0] > 0 and sizes[2] > 1.5 * sizes[1] > 2.2 * sizes[0]
+    print("twice", [(twice[t] - own[t]) / response[t] for t in times])
+    print("opposite", [(opposite[t] - own[t]) / response[t] for t in times])
     for t_n in times:
         assert twice[t_n] - own[t_n] == pytest.approx(2 * response[t_n], rel=0.05)
         assert opposite[t_n] - own[t_n] == pytest.approx(-response[t_n], rel=0.05)
