@@ -42,20 +42,14 @@ class LostPlaceError(ArithmeticError):
 
 
 class ShellEquations:
-    """Equilibrium of a shell as equations F(x, t_n) = 0 in one chart.
+    """Equilibrium of a shell as equations F(x, t_n) = 0 in one chart."""
 
-    Attributes:
-        phase: Motion (in the dual of u) along which a step must not go, None for none: a pattern
-            cos m phi may turn about the axis at no cost but what the mesh makes of it.
-    """
-
-    def __init__(self, problem: Problem, chart: ShellState, turning: Mode | None = None) -> None:
+    def __init__(self, problem: Problem, chart: ShellState) -> None:
         """Keep the parts.
 
         Args:
             problem: The shell's global problem.
             chart: State to whose directors the angles refer.
-            turning: Motion that turns a pattern about the axis, if there is one.
         """
         self.problem, self.chart = problem, chart
         self.n_u = len(problem.global_values(chart))
@@ -63,10 +57,6 @@ class ShellEquations:
         positions = problem.owned_values(np.ones_like(chart.r), np.zeros_like(chart.alpha))
         total = problem.comm.allreduce(float(np.sum(mass * positions)))
         self.weights = 3 * mass * positions / total
-        self.phase: PETSc.Vec | None = None
-        if turning is not None:
-            self.phase = problem.vector.duplicate()
-            self.phase.array[:] = self.weights * problem.owned_values(turning.r, turning.alpha)
 
     def pack(self, state: ShellState) -> Array:
         """Return the unknowns of a state of this chart as one vector."""
@@ -156,7 +146,7 @@ class ShellLinearised:
         return vector, bending
 
     def bordered(self, row: Array, entry: float, value: float) -> tuple[Direction, Direction]:
-        """See ``continuation.Linearised``; by two or three solutions of one factor (collective)."""
+        """See ``continuation.Linearised``; by two solutions with one factorisation (collective)."""
         equations, problem = self.equations, self.equations.problem
         load = self.load[0]
         problem.assemble_tangent(self.cells)
@@ -164,11 +154,6 @@ class ShellLinearised:
         step, slope = problem.vector.duplicate(), problem.vector.duplicate()
         problem.ksp.solve(-self.gradient, step)
         problem.ksp.solve(-load, slope)
-        if equations.phase is not None:
-            turn = problem.vector.duplicate()
-            problem.ksp.solve(equations.phase, turn)
-            for solution in (step, slope):
-                solution.axpy(-equations.phase.dot(solution) / equations.phase.dot(turn), turn)
         weighted = equations.weights * row[: equations.n_u]
         mine = np.array([np.sum(weighted * step.array_r), np.sum(weighted * slope.array_r)])
         of_step, of_slope = problem.comm.allreduce(mine)

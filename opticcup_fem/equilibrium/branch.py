@@ -6,9 +6,6 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from opticcup_fem.equilibrium.arc_length import LostPlaceError, ShellEquations
 from opticcup_fem.equilibrium.axisymmetric import AxisymmetricStepping
 from opticcup_fem.equilibrium.continuation import (
@@ -21,11 +18,8 @@ from opticcup_fem.equilibrium.continuation import (
 from opticcup_fem.equilibrium.critical import CriticalPoint
 from opticcup_fem.equilibrium.path import PathPoint
 from opticcup_fem.equilibrium.problem import Problem
-from opticcup_fem.equilibrium.spectrum import Mode, Spectrum
 from opticcup_fem.errors import ClosureBreakdown, ConvergenceError, OpticCupError
 from opticcup_fem.shell.model import ShellState
-
-Array = NDArray[np.float64]
 
 CONTROL = ArcControl(initial=5e-3, largest=0.03, smallest=1e-5, tolerance=1e-7)
 """Steps along a branch."""
@@ -36,10 +30,6 @@ CHART = 12
 PUSHES = (0.05, -0.05, 0.1, -0.1, 0.2, -0.2)
 """Moves along the critical mode to the first state of a branch, largest of a node over R, that are
 tried one after the other: nearer to the bifurcation an unsymmetric mesh hides the branch."""
-
-SOFT = 2e-3
-"""A motion with an eigenvalue nearer to zero, unit mu_IOV/R, turns the pattern about the axis: only
-the mesh resists it."""
 
 LONGEST = 3.0
 """Longest arc of a branch."""
@@ -90,15 +80,14 @@ class BranchPath:
     Arc length is the r.m.s. move of the surface over R, and t_n.
     """
 
-    def __init__(self, problem: Problem, spectrum: Spectrum, control: ArcControl = CONTROL) -> None:
+    def __init__(self, problem: Problem, control: ArcControl = CONTROL) -> None:
         """Keep the parts.
 
         Args:
             problem: The shell's global problem.
-            spectrum: Eigenvalues of the shell's states.
             control: Steps.
         """
-        self.problem, self.spectrum, self.control = problem, spectrum, control
+        self.problem, self.control = problem, control
         self.monitor: Callable[[], None] | None = None
         self._ending: Ending | None = None
         self._accepted = 0
@@ -118,8 +107,7 @@ class BranchPath:
         """
         self.problem.shell.set_time(critical.at)
         chart = critical.state
-        twin = self._turning(critical.at, chart, critical.mode.r)
-        equations = ShellEquations(self.problem, chart, twin)
+        equations = ShellEquations(self.problem, chart)
         continuation = Continuation(equations, self.control, monitor=self.monitor)
         motion = equations.pack_motion(critical.mode)
         motion /= math.sqrt(equations.inner(motion, motion))
@@ -147,31 +135,8 @@ class BranchPath:
                 self._ending = None if last.arc >= longest else continuation.ending
                 return
             chart = self.problem.shell.with_updated_directors(equations.unpack(last.x))
-            self.problem.shell.set_time(last.t)
-            ahead, _ = self.problem.split(self.problem.to_local(last.dx[: equations.n_u]))
-            turning = self._turning(last.t, chart, ahead)
-            equations = ShellEquations(self.problem, chart, turning)
+            equations = ShellEquations(self.problem, chart)
             last = replace(last, x=equations.pack(chart))
-
-    def _turning(self, t_n: float, state: ShellState, along: Array) -> Mode | None:
-        """Return the motion that turns a state's pattern about its axis (collective).
-
-        Args:
-            t_n: Normalised time.
-            state: The state.
-            along: Where the branch goes, which is another motion, shape (n_nodes, 3).
-
-        Returns:
-            The mode of an eigenvalue next to zero that is not the branch's own direction.
-        """
-        self.problem.shell.set_time(t_n)
-        modes = self.spectrum.modes(state)
-        soft = [
-            mode
-            for mode in modes
-            if abs(mode.eigenvalue) < SOFT and self.spectrum.cosine(state, along, mode) < 0.5
-        ]
-        return min(soft, key=lambda mode: abs(mode.eigenvalue)) if soft else None
 
     def _point(self, equations: ShellEquations, solution: PathState) -> PathPoint:
         """Return a solution as a point of a path; the tangent is that of its last iterate."""

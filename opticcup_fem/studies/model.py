@@ -106,8 +106,4 @@ def stepping_of(case: Case, shell: Shell) -> Stepping:
         wavenumber = case.run.switch_wavenumber
         return LoadStepping(problem, newton, relaxation, control, critical, wavenumber)
     stem = AxisymmetricStepping(problem, newton, relaxation, control, critical)
-    return (
-        stem
-        if case.run.follow == "axisymmetric"
-        else BranchStepping(stem, BranchPath(problem, critical.spectrum))
-    )
+    return stem if case.run.follow == "axisymmetric" else BranchStepping(stem, BranchPath(problem))
