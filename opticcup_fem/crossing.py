@@ -76,12 +76,9 @@ class CrossingCheck:
         for (edge, face), ends, corners in zip(
             pairs, positions[edges[pairs[:, 0]]], positions[faces[pairs[:, 1]]], strict=True
         ):
-            meets, _, _, along = ipctk.edge_triangle_intersection(*ends, *corners)
-            if meets:
+            if ipctk.is_edge_intersecting_triangle(*ends, *corners):
                 hits.append((edge, face))
-                # an edge in the triangle's plane has no single point: take its middle
-                along = along if np.isfinite(along) else 0.5
-                where.append((1 - along) * ends[0] + along * ends[1])
+                where.append(_meeting_point(ends, corners))
         if not hits:
             return None
         found = np.array(hits, dtype=np.int64)
@@ -89,6 +86,16 @@ class CrossingCheck:
         piercing = edges[found[:, 0]].astype(np.int64)
         theta = [self._colatitude[piercing].mean(axis=1), self._colatitude[faces[pierced]].mean(1)]
         return Crossing(piercing, pierced, np.array(where), np.column_stack(theta))
+
+
+def _meeting_point(ends: Floats, corners: Floats) -> Floats:
+    """Return where an edge (2, 3) meets the plane of a triangle (3, 3), within the edge."""
+    normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+    rise, height = normal @ (ends[1] - ends[0]), normal @ (corners[0] - ends[0])
+    # an edge in the triangle's plane has no single point: take its middle
+    along = np.clip(height / rise, 0, 1) if abs(rise) > abs(height) * 1e-12 else 0.5
+    place: Floats = (1 - along) * ends[0] + along * ends[1]
+    return place
 
 
 def surface_check(snapshot: Snapshot, n: int = 3) -> tuple[CrossingCheck, Subdivision]:
