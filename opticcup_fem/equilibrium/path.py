@@ -76,7 +76,7 @@ class PathEnd:
 
 
 class LoadStepping:
-    """Follows stable equilibria from t_n = 0.
+    """Follows stable equilibria as growth goes on, or as it is undone.
 
     Attributes:
         end: Set when the path could not be followed to its end.
@@ -126,27 +126,32 @@ class LoadStepping:
         )
 
     def follow(
-        self, state: ShellState, t_end: float, times: Sequence[float] = ()
+        self,
+        state: ShellState,
+        t_end: float,
+        times: Sequence[float] = (),
+        t_start: float = 0.0,
     ) -> Iterator[PathPoint]:
-        """Yield the accepted states from t_n = 0 to ``t_end``, exactly at ``times`` too.
+        """Yield the accepted states from ``t_start`` to ``t_end``, exactly at ``times`` too.
 
         Args:
-            state: First guess of the equilibrium at t_n = 0, the first point.
-            t_end: Last normalised time.
+            state: First guess of the equilibrium at ``t_start``, the first point.
+            t_end: Last normalised time; growth is undone where it is less than ``t_start``.
             times: Normalised times to land on.
+            t_start: First normalised time.
         """
         control = self.control
-        landings = sorted({*times, t_end})
-        point, solution = self._attempt(0.0, state, state)
+        course = _Course(t_start, t_end, times)
+        point, solution = self._attempt(t_start, state, state)
         if point is None:
-            self.end = PathEnd(0.0, solution)
+            self.end = PathEnd(t_start, solution)
             return
         yield point
         dt, spent = control.initial, 0
-        history = _History(self.problem, point)
-        while point.t_n < t_end - TIME_EPSILON:
+        history = _History(self.problem, course.sign, point)
+        while not course.is_over(point.t_n):
             step = history.limited(dt, control.smallest)
-            target, step = _next_time(point.t_n, step, landings)
+            target, step = course.next(point.t_n, step)
             found, solution = self._attempt(target, history.predict(target), point.state)
             spent += solution.iterations
             if found is not None:
@@ -154,15 +159,15 @@ class LoadStepping:
                 quick = solution.iterations <= control.quick
                 dt = min(max(dt, step) * (control.growth if quick else 1.0), control.largest)
             elif step > control.smallest * (1 + 1e-6):
-                history.block(target)
+                history.block(step)
                 dt = control.cut * step
                 continue
             else:
-                found = self._relaxed(point, min(point.t_n + control.smallest, t_end), solution)
+                found = self._relaxed(point, target, solution)
                 if found is None:
                     return
                 spent += found.iterations
-                history = _History(self.problem, found)
+                history = _History(self.problem, course.sign, found)
                 dt = control.initial
             point = replace(found, iterations=spent)
             self.accepted += 1
@@ -212,36 +217,66 @@ class LoadStepping:
         return self.problem.largest(np.linalg.norm(after.r - before.r, axis=1))
 
 
-def _next_time(t: float, dt: float, landings: Sequence[float]) -> tuple[float, float]:
-    """Return the next time and the step to it, landing exactly where it is due.
+class _Course:
+    """The way from one normalised time to another, with the times to land on.
 
-    A step that would stop just short of a landing goes half the way instead of leaving a sliver.
+    Attributes:
+        sign: +1 where t_n grows along it, else -1.
     """
-    due = next(time for time in landings if time > t + TIME_EPSILON)
-    if t + dt >= due - TIME_EPSILON:
-        return due, due - t
-    if t + 1.5 * dt > due:
-        return t + (due - t) / 2, (due - t) / 2
-    return t + dt, dt
+
+    def __init__(self, t_start: float, t_end: float, times: Sequence[float]) -> None:
+        self.sign = 1.0 if t_end >= t_start else -1.0
+        self._end = t_end
+        between = {t for t in times if self._ahead(t, t_start) and self._ahead(t_end, t)}
+        self._landings = sorted({*between, t_end}, reverse=self.sign < 0)
+
+    def _ahead(self, t: float, of: float) -> bool:
+        return self.sign * (t - of) > TIME_EPSILON
+
+    def is_over(self, t: float) -> bool:
+        """Return whether ``t`` is the end, or past it."""
+        return not self._ahead(self._end, t)
+
+    def next(self, t: float, dt: float) -> tuple[float, float]:
+        """Return the next time and the step to it (positive), landing exactly where it is due.
+
+        A step that would stop just short of a landing goes half the way instead of leaving a
+        sliver.
+        """
+        due = next(time for time in self._landings if self._ahead(time, t))
+        left = abs(due - t)
+        if dt >= left - TIME_EPSILON:
+            return due, left
+        step = left / 2 if 1.5 * dt > left else dt
+        return t + self.sign * step, step
 
 
 class _History:
     """The last accepted states: predictor, and an estimate of how near a limit point is."""
 
-    def __init__(self, problem: Problem, first: PathPoint) -> None:
-        self._problem = problem
+    def __init__(self, problem: Problem, sign: float, first: PathPoint) -> None:
+        self._problem, self._sign = problem, sign
         self._points = [(first.t_n, first.state)]
         self._blocked = math.inf
 
     def add(self, point: PathPoint) -> None:
         """Append an accepted point; three are remembered."""
         self._points = [*self._points[-2:], (point.t_n, point.state)]
-        if point.t_n >= self._blocked:
+        if self._to_failure <= 0:
             self._blocked = math.inf
 
-    def block(self, t: float) -> None:
-        """Remember that a step to ``t`` failed."""
-        self._blocked = min(t, self._blocked)
+    def block(self, step: float) -> None:
+        """Remember that a step of this length failed."""
+        self._blocked = min(self._along + step, self._blocked)
+
+    @property
+    def _along(self) -> float:
+        """Signed time of the last state, which grows along the path."""
+        return self._sign * self._points[-1][0]
+
+    @property
+    def _to_failure(self) -> float:
+        return self._blocked - self._along
 
     def predict(self, t: float) -> ShellState:
         """Return the guess at ``t``: polynomial extrapolation through up to three states."""
@@ -263,9 +298,8 @@ class _History:
         """
         to_fold = self._distance_to_fold()
         ahead = 0.8 * to_fold
-        to_failure = self._blocked - self._points[-1][0]
-        if to_fold < 3 * to_failure:
-            ahead = min(ahead, 0.5 * to_failure)
+        if to_fold < 3 * self._to_failure:
+            ahead = min(ahead, 0.5 * self._to_failure)
         return min(dt, max(ahead, smallest))
 
     def _distance_to_fold(self) -> float:
@@ -274,7 +308,7 @@ class _History:
             return math.inf
         (t_0, a), (t_1, b), (t_2, c) = self._points
         s_1, s_2 = self._problem.distance(a, b), self._problem.distance(b, c)
-        rate_1, rate_2 = (t_1 - t_0) / s_1, (t_2 - t_1) / s_2
+        rate_1, rate_2 = abs(t_1 - t_0) / s_1, abs(t_2 - t_1) / s_2
         bend = (rate_2 - rate_1) / (s_1 + s_2)
         slope = rate_2 + bend * s_2
         if bend >= 0:

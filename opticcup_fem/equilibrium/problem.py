@@ -98,14 +98,15 @@ class Problem:
         preallocator.setLGMap(self._map, self._map)
         preallocator.setUp()
         n_u = self.cell_unknowns.shape[1]
-        self._insert(preallocator, np.zeros((len(self._inserted), n_u, n_u)))
+        self.insert(preallocator, np.zeros((len(self._inserted), n_u, n_u)))
         diagonal = np.arange(self._start, self._start + self._numbering.owned, dtype=np.int32)
         for i in diagonal:
             preallocator.setValue(i, i, 0.0, addv=PETSc.InsertMode.ADD_VALUES)
         preallocator.assemble()
         preallocator.preallocatorPreallocate(self.matrix)
 
-    def _insert(self, matrix: PETSc.Mat, cells: Array) -> None:
+    def insert(self, matrix: PETSc.Mat, cells: Array) -> None:
+        """Add cell matrices (n_cells, n_u, n_u); rows and columns of held unknowns are left out."""
         matrix.setValuesLocalRCV(
             self._inserted, self._inserted, cells, addv=PETSc.InsertMode.ADD_VALUES
         )
@@ -197,7 +198,7 @@ class Problem:
     def assemble_tangent(self, cells: CondensedCells) -> None:
         """Assemble H from the condensed cells (collective)."""
         self.matrix.zeroEntries()
-        self._insert(self.matrix, cells.hessian)
+        self.insert(self.matrix, cells.hessian)
         for i in self._held_owned:
             self.matrix.setValue(i, i, 1.0, addv=PETSc.InsertMode.ADD_VALUES)
         self.matrix.assemble()

@@ -11,11 +11,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from petsc4py import PETSc
-
 import numpy as np
 from numpy.typing import NDArray
 
+from opticcup_fem.equilibrium.mass import lumped_mass
 from opticcup_fem.equilibrium.problem import Problem
 from opticcup_fem.shell.condensation import CondensedCells
 from opticcup_fem.shell.model import LostPlace, Shell, ShellState
@@ -51,26 +50,6 @@ class Relaxed:
     reason: str
     negative_eigenvalues: int | None = None
     lost: LostPlace | None = None
-
-
-def lumped_mass(problem: Problem) -> PETSc.Vec:
-    """Return the diagonal metric M of shifts, larger than zero (collective).
-
-    Positions carry the reference area around their node, angles that of a strip of width h along
-    their edge times h^2/12, so that shifts mean the same on every mesh.
-    """
-    shell, spaces = problem.shell, problem.shell.spaces
-    points, weights = shell.forms.quadrature_points, shell.weights
-    nodal = np.einsum("cq,qn->cn", weights, spaces.position_table(points))
-    corners = spaces.coordinates
-    lengths = np.linalg.norm(corners[:, [2, 2, 1]] - corners[:, [1, 0, 0]], axis=2)
-    gauss = np.polynomial.legendre.leggauss(spaces.degree)[1] / 2
-    strip = 0.5 * lengths[:, :, None] * gauss * shell.thickness**3 / 12
-    n = spaces.n_cells
-    cells = np.concatenate([np.repeat(np.abs(nodal), 3, axis=1), strip.reshape(n, -1)], axis=1)
-    mass = problem.vector.duplicate()
-    problem.assemble_vector(cells, mass)
-    return mass
 
 
 def starting_state(shell: Shell, state: ShellState) -> tuple[ShellState, LostPlace | None]:

@@ -10,9 +10,10 @@ from collections.abc import Callable
 
 import numpy as np
 
+from opticcup_fem.equilibrium.mass import lumped_mass
 from opticcup_fem.equilibrium.newton import Drag, MixedNewton
 from opticcup_fem.equilibrium.problem import Problem
-from opticcup_fem.equilibrium.relaxation import Relaxed, lumped_mass, starting_state
+from opticcup_fem.equilibrium.relaxation import Relaxed, starting_state
 from opticcup_fem.shell.model import LostPlace, ShellState
 
 

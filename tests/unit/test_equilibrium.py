@@ -14,10 +14,11 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 
+from opticcup_fem.equilibrium.mass import lumped_mass
 from opticcup_fem.equilibrium.newton import Drag, MixedNewton
-from opticcup_fem.equilibrium.path import LoadStepping, PathPoint, StepControl, _History, _next_time
+from opticcup_fem.equilibrium.path import LoadStepping, PathPoint, StepControl, _Course, _History
 from opticcup_fem.equilibrium.problem import Problem
-from opticcup_fem.equilibrium.relaxation import EnergyDescent, lumped_mass
+from opticcup_fem.equilibrium.relaxation import EnergyDescent
 from opticcup_fem.equilibrium.viscous import ViscousRelaxation
 from opticcup_fem.shell.model import Shell, ShellState
 from opticcup_fem.shell.supports import free, rigid_modes_of_cup
@@ -157,11 +158,33 @@ def test_path_lands_and_does_not_depend_on_its_steps(
     assert all(p.negative_eigenvalues == 0 and not p.jump for p in quick)
 
 
+def test_path_back_in_time_retraces_itself(
+    shell: Shell, problem: Problem, newton: MixedNewton
+) -> None:
+    """Undoing growth along a stable branch passes the states that growth passed."""
+    forth = follow(shell, problem, newton)
+    stepping = LoadStepping(problem, newton, EnergyDescent(problem), StepControl())
+    back = list(stepping.follow(forth[-1].state, 0.01, (0.02,), t_start=0.05))
+    assert back[0].t_n == 0.05 and back[-1].t_n == 0.01
+    (a,), (b,) = ([p for p in path if p.t_n == 0.02] for path in (forth, back))
+    assert np.abs(a.state.r - b.state.r).max() < 1e-7
+
+
 def test_next_time_leaves_no_sliver() -> None:
     """A step that would stop just before a landing goes half way; one that passes it, lands."""
-    assert _next_time(0.0, 0.2, [0.1, 1.0]) == (0.1, 0.1)
-    assert _next_time(0.0, 0.09, [0.1, 1.0]) == (0.05, 0.05)
-    assert _next_time(0.1, 0.2, [0.1, 1.0]) == (pytest.approx(0.3), 0.2)
+    course = _Course(0.0, 1.0, [0.1])
+    assert course.next(0.0, 0.2) == (0.1, 0.1)
+    assert course.next(0.0, 0.09) == (0.05, 0.05)
+    assert course.next(0.1, 0.2) == (pytest.approx(0.3), 0.2)
+    assert course.is_over(1.0)
+
+
+def test_course_back_in_time_lands_too() -> None:
+    course = _Course(0.3, 0.0, [0.1, 0.5])
+    assert course.sign == -1
+    assert course.next(0.3, 0.12) == (pytest.approx(0.18), 0.12)
+    assert course.next(0.12, 0.05) == (0.1, pytest.approx(0.02))
+    assert course.next(0.1, 0.5) == (0.0, 0.1)
 
 
 def test_history_foresees_a_fold(problem: Problem, equilibrium: ShellState) -> None:
@@ -173,7 +196,7 @@ def test_history_foresees_a_fold(problem: Problem, equilibrium: ShellState) -> N
         state = replace(equilibrium, r=equilibrium.r + s * direction)
         return PathPoint(1 - (1 - s) ** 2, state, False, 0, 0, 0.0, 0.0)
 
-    history = _History(problem, moved(0.4))
+    history = _History(problem, 1.0, moved(0.4))
     history.add(moved(0.6))
     history.add(moved(0.7))
     assert history.limited(1.0, 1e-6) == pytest.approx(0.8 * 0.09, rel=1e-6)
