@@ -34,6 +34,9 @@ NEAR_SOLUTION = 1e-5
 SMALLEST_FRACTION = 0.02
 """Newton steps are not cut below this fraction."""
 
+MOST_RENEWALS = 30
+"""Solves for one state while faces and obstacles are brought up to date."""
+
 
 class Drag(NamedTuple):
     """Viscous term rate M (u - u_start) of a backward Euler step.
@@ -126,6 +129,22 @@ class MixedNewton:
         Returns:
             The outcome; a failure is a value, not an exception.
         """
+        state = self.problem.with_contact(state)
+        spent = 0
+        for _ in range(MOST_RENEWALS):
+            solution = self._solve(state, drag)
+            spent += solution.iterations
+            if not solution.converged:
+                break
+            state, done = self.problem.renewed(solution.state)
+            if done:
+                return replace(solution, state=state, iterations=spent)
+        else:
+            solution = replace(solution, converged=False, reason="CONTACT_NOT_SETTLED")
+        return replace(solution, iterations=spent)
+
+    def _solve(self, state: ShellState, drag: Drag | None) -> Solution:
+        """Solve with contact data as they are (collective)."""
         self._state, self._drag = state, drag
         self._cells: CondensedCells | None = None
         self._resultants, self._lost = self.problem.shell.evaluate(state)
@@ -156,7 +175,7 @@ class MixedNewton:
         if not self.problem.symmetric or self._cells is None:
             return None
         if self._factorised_norm > NEAR_SOLUTION:
-            self.problem.assemble_tangent(self._cells)
+            self.problem.assemble_tangent(self._cells, self.problem.contact_stiffness(self._state))
             self.problem.factorise()
         return self.problem.inertia()
 
@@ -170,7 +189,7 @@ class MixedNewton:
             f.set(np.inf)
             return
         self._cells = problem.shell.condensed(self._state, self._resultants)
-        problem.assemble_vector(self._cells.gradient, f)
+        problem.assemble_gradient(self._cells, self._state, f)
         if self._drag is not None:
             f.array[:] += self._drag.rate * self._drag.mass.array_r * (x.array_r - self._start)
         local = self._cells.local_residual(self._state.sigma)
@@ -182,7 +201,7 @@ class MixedNewton:
         self, snes: PETSc.SNES, x: PETSc.Vec, matrix: PETSc.Mat, preconditioner: PETSc.Mat
     ) -> None:
         assert self._cells is not None
-        self.problem.assemble_tangent(self._cells)
+        self.problem.assemble_tangent(self._cells, self.problem.contact_stiffness(self._state))
         if self._drag is not None:
             self.problem.add_diagonal(self._drag.mass, self._drag.rate)
         self._factorised_norm = self._norm if self._drag is None else np.inf
@@ -190,10 +209,11 @@ class MixedNewton:
     def _shorten(self, x: PETSc.Vec, y: PETSc.Vec) -> bool:
         """Halve the step y (the iterate becomes x - y) until every layer stays admissible.
 
-        Moves the state to the iterate.
+        It goes no farther than contact allows.  Moves the state to the iterate.
         """
         full = -y.array_r.copy()
-        fraction = 1.0
+        moves, _ = self.problem.split(self.problem.to_local(full))
+        fraction = self.problem.free_fraction(self._state, moves)
         while True:
             trial = self._stepped(fraction * full, fraction)
             self._resultants, self._lost = self.problem.shell.evaluate(trial)

@@ -10,12 +10,20 @@ from petsc4py import PETSc
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
+from opticcup_fem.contact.model import Contact
 from opticcup_fem.shell.condensation import CondensedCells
-from opticcup_fem.shell.model import Shell, ShellState
+from opticcup_fem.shell.model import ContactData, Shell, ShellState
 from opticcup_fem.shell.spaces import number_unknowns
 
 Array = NDArray[np.float64]
+
+MOST_STALE = 3.0
+"""The tangent's pattern is made afresh when it holds this many times the contacts there are."""
+
+UP_TO_DATE = 0.02
+"""Change of the faces, over the barrier's distance, that needs no further solve."""
 
 
 @dataclass(frozen=True)
@@ -33,18 +41,22 @@ class Problem:
     Attributes:
         shell: The shell.
         held: Mask of held unknowns over the rank's local unknowns (see ``shell.supports``).
+        contact: Contact that is resisted, if any.
         matrix: The tangent H.
         symmetric: Whether H is symmetric and factorised as L D L^T.
     """
 
-    def __init__(self, shell: Shell, held: NDArray[np.bool_]) -> None:
+    def __init__(
+        self, shell: Shell, held: NDArray[np.bool_], contact: Contact | None = None
+    ) -> None:
         """Number the unknowns and allocate (collective).
 
         Args:
             shell: The shell.
             held: Mask of held unknowns; their rows and columns become those of the identity.
+            contact: Contact to be resisted, if any.
         """
-        self.shell, self.held = shell, held
+        self.shell, self.held, self.contact = shell, held, contact
         self.comm: MPI.Intracomm = shell.comm
         self.symmetric = shell.has_energy
         self._numbering = number_unknowns(shell.spaces)
@@ -77,6 +89,7 @@ class Problem:
         self.matrix = PETSc.Mat().createAIJ((sizes, sizes), comm=self.comm)
         self.matrix.setLGMap(self._map, self._map)
         self.matrix.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
+        self._far: sparse.csr_array | None = None
         self._preallocate()
         if self.symmetric:
             self.matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
@@ -89,9 +102,12 @@ class Problem:
         self._local_slot[~self._is_ghost] = n[~self._is_ghost] - self._start
         self._local_slot[self._is_ghost] = numbering.owned + np.arange(len(ghosts))
         self._held_owned = n[self.held & ~self._is_ghost].astype(np.int32)
+        if self.contact is not None:
+            numbers = np.where(self.held, -1, n)[: self._split].reshape(-1, 3).astype(np.int32)
+            self._unknown_of_node = self.contact.gather.everywhere(numbers).ravel()
 
     def _preallocate(self) -> None:
-        """Reserve the pattern of the cells, and the diagonal of the held unknowns."""
+        """Reserve the pattern of cells and contacts, and the diagonal of the held unknowns."""
         preallocator = PETSc.Mat().create(comm=self.comm)
         preallocator.setType(PETSc.Mat.Type.PREALLOCATOR)
         preallocator.setSizes(((self._numbering.owned, None), (self._numbering.owned, None)))
@@ -102,6 +118,8 @@ class Problem:
         diagonal = np.arange(self._start, self._start + self._numbering.owned, dtype=np.int32)
         for i in diagonal:
             preallocator.setValue(i, i, 0.0, addv=PETSc.InsertMode.ADD_VALUES)
+        if self._far is not None:
+            self._insert_far(preallocator, self._far)
         preallocator.assemble()
         preallocator.preallocatorPreallocate(self.matrix)
 
@@ -193,12 +211,121 @@ class Problem:
         """Return the largest of values spread over the ranks (collective)."""
         return float(self.comm.allreduce(np.max(values, initial=0.0), MPI.MAX))
 
+    # --- contact ------------------------------------------------------------------------------
+
+    def energy(self, state: ShellState) -> float:
+        """Return the energy of shell and contact (collective)."""
+        energy = self.shell.energy(state)
+        return energy if self.contact is None else energy + self.contact.energy(state)
+
+    def assemble_gradient(self, cells: CondensedCells, state: ShellState, out: PETSc.Vec) -> None:
+        """Add up the gradient of cells and contact into ``out`` (collective)."""
+        self.assemble_vector(cells.gradient, out)
+        if self.contact is None:
+            return
+        forces = self.contact.gradient(state)
+        if forces is not None:
+            local = np.zeros(len(self._numbering.local_to_global))
+            local[: self._split] = forces.ravel()
+            local[self.held] = 0.0
+            out.array[:] += local[self._numbering.owned_local]
+
+    def contact_stiffness(self, state: ShellState) -> sparse.csr_array | None:
+        """Return the Hessian of contact for ``assemble_tangent`` (collective)."""
+        return None if self.contact is None else self.contact.hessian(state)
+
+    def with_contact(self, state: ShellState) -> ShellState:
+        """Return a state that has contact data, its own where it had none (collective)."""
+        if self.contact is None or state.contact is not None:
+            return state
+        return replace(state, contact=self.contact.data_of(state))
+
+    def free_fraction(self, state: ShellState, dr: Array) -> float:
+        """Return the share of a move of the nodes that is safe, 0 to 1 (collective)."""
+        if self.contact is None:
+            return 1.0
+        return self.contact.free_fraction(state, replace(state, r=state.r + dr))
+
+    def reachable(self, before: ShellState, guess: ShellState) -> ShellState:
+        """Return a guess, moved back towards ``before`` as far as contact demands (collective).
+
+        Obstacles move along with the guess, towards where they stand at the present t_n.
+        """
+        if self.contact is None or before.contact is None:
+            return guess
+        arrived = replace(before.contact, time=self.shell.t_n)
+        goal = replace(guess, contact=arrived)
+        share = self.contact.free_fraction(before, goal)
+        if share >= 1.0:
+            return goal
+        between = before.plus(guess.minus(before), share)
+        moved = replace(between, contact=_between(before.contact, arrived, share))
+        return self.with_mean_directors(moved, before)
+
+    def renewed(self, state: ShellState) -> tuple[ShellState, bool]:
+        """Bring faces and obstacles up to date (collective).
+
+        Returns:
+            The state with newer data, as new as is free of collisions, and whether ``state`` is
+            as good as solved with them.
+        """
+        if self.contact is None or state.contact is None:
+            return state, True
+        data = self.contact.data_of(state)
+        goal = replace(state, contact=data)
+        share = self.contact.free_fraction(state, goal)
+        if share < 1.0:
+            return replace(state, contact=_between(state.contact, data, share)), False
+        change = np.linalg.norm(data.offsets - state.contact.offsets, axis=2)
+        limit = UP_TO_DATE * self.contact.settings.distance
+        still = self.largest(change) <= limit and data.time == state.contact.time
+        touches = min(self.contact.gap(state), self.contact.gap(goal)) < np.inf
+        return (state, True) if still and touches else (goal, not touches)
+
+    def _insert_far(self, matrix: PETSc.Mat, far: sparse.csr_array) -> None:
+        """Add a matrix over all nodes' coordinates; held unknowns receive nothing."""
+        index_map = self.shell.spaces.position.dofmap.index_map
+        first, last = (3 * end for end in index_map.local_range)
+        rows = far[first:last]
+        matrix.setValuesIJV(
+            rows.indptr.astype(np.int32),
+            self._unknown_of_node[rows.indices],
+            rows.data,
+            addv=PETSc.InsertMode.ADD_VALUES,
+            rowmap=self._unknown_of_node[first:last],
+        )
+
+    def _make_room(self, far: sparse.csr_array) -> None:
+        """Let the tangent's pattern hold the contacts; one that holds too many is made afresh."""
+        wanted = sparse.csr_array((np.ones(far.nnz), far.indices, far.indptr), shape=far.shape)
+        if self._far is not None:
+            union = self._far + wanted
+            if union.nnz <= MOST_STALE * wanted.nnz:
+                if union.nnz == self._far.nnz:
+                    return
+                wanted = union
+        self._far = wanted
+        self._preallocate()
+        # a new pattern needs a new factor, which needs its settings
+        self.ksp.reset()
+        self.ksp.setOperators(self.matrix)
+        self.configure(self.ksp)
+
     # --- tangent ------------------------------------------------------------------------------
 
-    def assemble_tangent(self, cells: CondensedCells) -> None:
-        """Assemble H from the condensed cells (collective)."""
+    def assemble_tangent(self, cells: CondensedCells, far: sparse.csr_array | None = None) -> None:
+        """Assemble H from the condensed cells and contact (collective).
+
+        Args:
+            cells: The cells.
+            far: Hessian of contact, see ``contact_stiffness``.
+        """
+        if far is not None:
+            self._make_room(far)
         self.matrix.zeroEntries()
         self.insert(self.matrix, cells.hessian)
+        if far is not None:
+            self._insert_far(self.matrix, far)
         for i in self._held_owned:
             self.matrix.setValue(i, i, 1.0, addv=PETSc.InsertMode.ADD_VALUES)
         self.matrix.assemble()
@@ -227,3 +354,8 @@ class Problem:
             return None
         negative, zero, positive = self.ksp.getPC().getFactorMatrix().getInertia()
         return Inertia(negative, zero, positive)
+
+
+def _between(start: ContactData, end: ContactData, share: float) -> ContactData:
+    offsets = (1 - share) * start.offsets + share * end.offsets
+    return ContactData(offsets, (1 - share) * start.time + share * end.time)
