@@ -19,10 +19,6 @@ from scipy import sparse
 from opticcup_fem.contact.surface import ContactSurface
 from opticcup_fem.snapshot import Floats
 
-_PROBE = 4.0
-"""How far beyond the barrier's distance to look when nothing touches."""
-
-
 class Barrier:
     """Contact potential of a surface's vertices; serial, one thread, so that runs repeat.
 
@@ -48,43 +44,16 @@ class Barrier:
         self._potential = ipctk.BarrierPotential(distance, stiffness / 2, True)
         self._at: Floats | None = None
         self._pairs = ipctk.NormalCollisions()
-        self._clear_at: Floats | None = None
-        self._clearance = 0.0
-
-    def _found(self, distance: float, vertices: Floats) -> ipctk.NormalCollisions:
-        pairs = ipctk.NormalCollisions()
-        pairs.use_area_weighting = True
-        pairs.collision_set_type = ipctk.NormalCollisions.IMPROVED_MAX_APPROX
-        pairs.build(self.surface.mesh, vertices, distance)
-        return pairs
-
-    def _room(self, *places: Floats) -> float:
-        """Return a bound below the gap on straight ways between places; 0 where none is known."""
-        if self._clear_at is None:
-            return 0.0
-        moved = max(float(np.linalg.norm(v - self._clear_at, axis=1).max()) for v in places)
-        return self._clearance - 2 * moved
 
     def pairs(self, vertices: Floats) -> ipctk.NormalCollisions | None:
         """Return the pairs nearer than d_hat, None where there are none."""
-        if self._room(vertices) > self.distance:
-            return None
         if self._at is None or not np.array_equal(self._at, vertices):
-            self._at, self._pairs = vertices.copy(order="F"), self._found(self.distance, vertices)
-            if len(self._pairs) == 0:
-                self._look_around(vertices)
+            pairs = ipctk.NormalCollisions()
+            pairs.use_area_weighting = True
+            pairs.collision_set_type = ipctk.NormalCollisions.IMPROVED_MAX_APPROX
+            pairs.build(self.surface.mesh, vertices, self.distance)
+            self._at, self._pairs = vertices.copy(order="F"), pairs
         return self._pairs if len(self._pairs) else None
-
-    def _look_around(self, vertices: Floats) -> None:
-        """Note how much room there is, so that small motions need no search."""
-        far = _PROBE * self.distance
-        around = self._found(far, vertices)
-        self._clearance = far
-        if len(around):
-            self._clearance = float(
-                np.sqrt(around.compute_minimum_distance(self.surface.mesh, vertices))
-            )
-        self._clear_at = vertices.copy()
 
     def energy(self, vertices: Floats) -> float:
         """Return E_c."""
@@ -117,21 +86,16 @@ class Barrier:
             return float("inf")
         return float(np.sqrt(pairs.compute_minimum_distance(self.surface.mesh, vertices)))
 
-    def free_fraction(self, start: Floats, end: Floats) -> float:
+    def free_fraction(self, start: Floats, end: Floats, apart: float = 0.0) -> float:
         """Return the share of the straight way from ``start`` that is free of collisions, 0 to 1.
 
         Args:
             start: Positions without a crossing.
             end: Positions at the end of the way.
+            apart: Distance to be kept all the way, below the gap at ``start``.
         """
-        if self._room(start, end) > 0:
-            return 1.0
-        return ipctk.compute_collision_free_stepsize(
-            self.surface.mesh, start, np.asfortranarray(end)
-        )
+        return ipctk.compute_collision_free_stepsize(self.surface.mesh, start, end, apart)
 
     def crosses(self, vertices: Floats) -> bool:
         """Return whether any parts that can collide cross each other."""
-        if self._room(vertices) > 0:
-            return False
         return ipctk.has_intersections(self.surface.mesh, vertices)

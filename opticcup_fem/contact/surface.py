@@ -137,6 +137,16 @@ def _collision_mesh(rest: Floats, triangles: NDArray[np.int32]) -> ipctk.Collisi
     return mesh
 
 
+def vertex_sizes(vertices: Floats, triangles: NDArray[np.int32]) -> Floats:
+    """Return the length of the longest edge at each vertex, shape (n,)."""
+    size = np.zeros(len(vertices))
+    for first, second in ((0, 1), (1, 2), (2, 0)):
+        ends = triangles[:, [first, second]]
+        length = np.linalg.norm(vertices[ends[:, 0]] - vertices[ends[:, 1]], axis=1)
+        np.maximum.at(size, ends, length[:, None])
+    return size
+
+
 def _neighbours(
     rest: Floats, triangles: NDArray[np.int32], distance: float, across: bool
 ) -> dict[tuple[int, int], bool]:
@@ -151,12 +161,7 @@ def _neighbours(
         distance: In the reference position.
         across: Whether to return pairs of one vertex on each face, too.
     """
-    n = len(rest)
-    size = np.zeros(n)
-    for first, second in ((0, 1), (1, 2), (2, 0)):
-        ends = triangles[:, [first, second]]
-        length = np.linalg.norm(rest[ends[:, 0]] - rest[ends[:, 1]], axis=1)
-        np.maximum.at(size, ends, length[:, None])
+    n, size = len(rest), vertex_sizes(rest, triangles)
     near = cKDTree(rest).query_pairs(distance + 2 * size.max(), output_type="ndarray")
     apart = np.linalg.norm(rest[near[:, 0]] - rest[near[:, 1]], axis=1)
     near = np.sort(near[apart < distance + size[near].sum(axis=1)], axis=1)

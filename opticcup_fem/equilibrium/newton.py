@@ -119,29 +119,49 @@ class MixedNewton:
         snes.setLineSearchPreCheck(self._shorten)
         return snes
 
-    def solve(self, state: ShellState, drag: Drag | None = None) -> Solution:
+    def solve(
+        self, state: ShellState, drag: Drag | None = None, before: ShellState | None = None
+    ) -> Solution:
         """Solve for equilibrium at the shell's present growth, starting at ``state`` (collective).
 
         Args:
             state: First iterate.
             drag: Viscous term against moving away from ``state``.
+            before: An equilibrium from which ``state`` was guessed.  Where contact is resisted, the
+                solution is one that can be reached from there, and no contact is evaluated on a
+                way on which nothing touches.
 
         Returns:
             The outcome; a failure is a value, not an exception.
         """
-        state = self.problem.with_contact(state)
+        problem, contact = self.problem, self.problem.contact
+        if contact is None:
+            return self._solve(state, drag)
+        before = problem.with_contact(state if before is None else before)
+        state = replace(state, contact=before.contact)
         spent = 0
+        if before.contact is not None and not before.contact.touches:
+            problem.awake = False
+            solution = self._solve(state, drag)
+            problem.awake = True
+            if not solution.converged:
+                return solution
+            passed = contact.passes(before, solution.state)
+            if passed is not None:
+                return replace(solution, state=passed)
+            spent = solution.iterations
+        state, share = contact.reachable(before, state)
+        if share < 1.0:
+            state = problem.with_mean_directors(state, before)
         for _ in range(MOST_RENEWALS):
             solution = self._solve(state, drag)
             spent += solution.iterations
             if not solution.converged:
-                break
-            state, done = self.problem.renewed(solution.state)
+                return replace(solution, iterations=spent)
+            state, done = contact.renewed(solution.state)
             if done:
                 return replace(solution, state=state, iterations=spent)
-        else:
-            solution = replace(solution, converged=False, reason="CONTACT_NOT_SETTLED")
-        return replace(solution, iterations=spent)
+        return replace(solution, converged=False, reason="CONTACT_NOT_SETTLED", iterations=spent)
 
     def _solve(self, state: ShellState, drag: Drag | None) -> Solution:
         """Solve with contact data as they are (collective)."""

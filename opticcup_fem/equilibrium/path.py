@@ -180,7 +180,7 @@ class LoadStepping:
         """Solve at ``t_n``; return the point if it is converged, near and stable (collective)."""
         shell = self.problem.shell
         shell.set_time(t_n)
-        solution = self.newton.solve(self.problem.reachable(before, guess))
+        solution = self.newton.solve(guess, before=before)
         far = self._moved(solution.state, before) > self.control.max_move
         if not solution.converged or far:
             return None, solution

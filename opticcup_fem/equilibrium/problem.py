@@ -14,16 +14,13 @@ from scipy import sparse
 
 from opticcup_fem.contact.model import Contact
 from opticcup_fem.shell.condensation import CondensedCells
-from opticcup_fem.shell.model import ContactData, Shell, ShellState
+from opticcup_fem.shell.model import Shell, ShellState
 from opticcup_fem.shell.spaces import number_unknowns
 
 Array = NDArray[np.float64]
 
 MOST_STALE = 3.0
 """The tangent's pattern is made afresh when it holds this many times the contacts there are."""
-
-UP_TO_DATE = 0.02
-"""Change of the faces, over the barrier's distance, that needs no further solve."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +39,7 @@ class Problem:
         shell: The shell.
         held: Mask of held unknowns over the rank's local unknowns (see ``shell.supports``).
         contact: Contact that is resisted, if any.
+        awake: Whether contact is evaluated; it is not while a solve is tried without it.
         matrix: The tangent H.
         symmetric: Whether H is symmetric and factorised as L D L^T.
     """
@@ -57,6 +55,7 @@ class Problem:
             contact: Contact to be resisted, if any.
         """
         self.shell, self.held, self.contact = shell, held, contact
+        self.awake = contact is not None
         self.comm: MPI.Intracomm = shell.comm
         self.symmetric = shell.has_energy
         self._numbering = number_unknowns(shell.spaces)
@@ -213,17 +212,19 @@ class Problem:
 
     # --- contact ------------------------------------------------------------------------------
 
+    def _awake(self) -> Contact | None:
+        return self.contact if self.awake else None
+
     def energy(self, state: ShellState) -> float:
         """Return the energy of shell and contact (collective)."""
-        energy = self.shell.energy(state)
-        return energy if self.contact is None else energy + self.contact.energy(state)
+        contact, energy = self._awake(), self.shell.energy(state)
+        return energy if contact is None else energy + contact.energy(state)
 
     def assemble_gradient(self, cells: CondensedCells, state: ShellState, out: PETSc.Vec) -> None:
         """Add up the gradient of cells and contact into ``out`` (collective)."""
         self.assemble_vector(cells.gradient, out)
-        if self.contact is None:
-            return
-        forces = self.contact.gradient(state)
+        contact = self._awake()
+        forces = None if contact is None else contact.gradient(state)
         if forces is not None:
             local = np.zeros(len(self._numbering.local_to_global))
             local[: self._split] = forces.ravel()
@@ -232,55 +233,21 @@ class Problem:
 
     def contact_stiffness(self, state: ShellState) -> sparse.csr_array | None:
         """Return the Hessian of contact for ``assemble_tangent`` (collective)."""
-        return None if self.contact is None else self.contact.hessian(state)
+        contact = self._awake()
+        return None if contact is None else contact.hessian(state)
 
     def with_contact(self, state: ShellState) -> ShellState:
         """Return a state that has contact data, its own where it had none (collective)."""
         if self.contact is None or state.contact is not None:
             return state
-        return replace(state, contact=self.contact.data_of(state))
+        return self.contact.brought_up_to_date(state)
 
     def free_fraction(self, state: ShellState, dr: Array) -> float:
         """Return the share of a move of the nodes that is safe, 0 to 1 (collective)."""
-        if self.contact is None:
+        contact = self._awake()
+        if contact is None:
             return 1.0
-        return self.contact.free_fraction(state, replace(state, r=state.r + dr))
-
-    def reachable(self, before: ShellState, guess: ShellState) -> ShellState:
-        """Return a guess, moved back towards ``before`` as far as contact demands (collective).
-
-        Obstacles move along with the guess, towards where they stand at the present t_n.
-        """
-        if self.contact is None or before.contact is None:
-            return guess
-        arrived = replace(before.contact, time=self.shell.t_n)
-        goal = replace(guess, contact=arrived)
-        share = self.contact.free_fraction(before, goal)
-        if share >= 1.0:
-            return goal
-        between = before.plus(guess.minus(before), share)
-        moved = replace(between, contact=_between(before.contact, arrived, share))
-        return self.with_mean_directors(moved, before)
-
-    def renewed(self, state: ShellState) -> tuple[ShellState, bool]:
-        """Bring faces and obstacles up to date (collective).
-
-        Returns:
-            The state with newer data, as new as is free of collisions, and whether ``state`` is
-            as good as solved with them.
-        """
-        if self.contact is None or state.contact is None:
-            return state, True
-        data = self.contact.data_of(state)
-        goal = replace(state, contact=data)
-        share = self.contact.free_fraction(state, goal)
-        if share < 1.0:
-            return replace(state, contact=_between(state.contact, data, share)), False
-        change = np.linalg.norm(data.offsets - state.contact.offsets, axis=2)
-        limit = UP_TO_DATE * self.contact.settings.distance
-        still = self.largest(change) <= limit and data.time == state.contact.time
-        touches = min(self.contact.gap(state), self.contact.gap(goal)) < np.inf
-        return (state, True) if still and touches else (goal, not touches)
+        return contact.free_fraction(state, replace(state, r=state.r + dr))
 
     def _insert_far(self, matrix: PETSc.Mat, far: sparse.csr_array) -> None:
         """Add a matrix over all nodes' coordinates; held unknowns receive nothing."""
@@ -354,8 +321,3 @@ class Problem:
             return None
         negative, zero, positive = self.ksp.getPC().getFactorMatrix().getInertia()
         return Inertia(negative, zero, positive)
-
-
-def _between(start: ContactData, end: ContactData, share: float) -> ContactData:
-    offsets = (1 - share) * start.offsets + share * end.offsets
-    return ContactData(offsets, (1 - share) * start.time + share * end.time)

@@ -38,10 +38,12 @@ class ContactData:
     Attributes:
         offsets: Vectors from the nodes to the inner and the outer face, shape (n_nodes, 2, 3).
         time: Normalised time at which moving obstacles stand.
+        touches: Whether anything is within the barrier's reach.
     """
 
     offsets: Array
     time: float
+    touches: bool
 
 
 @dataclass(frozen=True)
