@@ -145,6 +145,9 @@ def theory(case_path: CasePath, set_: Overrides = []) -> None:
     with _errors_as_one_line():
         with _one_error_for_all_ranks():
             case = _load(case_path, set_)
+            from opticcup_fem.case.checks import require_cup
+
+            require_cup(case, "the scaling laws are")
         from opticcup_fem.theory import prediction_report
 
         _say(prediction_report(case))
@@ -161,7 +164,7 @@ def mesh(
 ) -> None:
     """Write the surface mesh of a case as a Gmsh file.
 
-    Physical groups: cap, oov, interface. Lengths are in units of R.
+    Physical groups: cap, oov, interface, or cap or disk, rim. Lengths are in units of R.
     """
     with _errors_as_one_line():
         path = Path(f"{case_path.stem}.msh") if out is None else out
@@ -170,16 +173,13 @@ def mesh(
             if path.suffix != ".msh":
                 raise CaseError(f"{path}: meshes are Gmsh files; give --out a name ending in .msh")
             _prepare_folder(path.parent)
-        from opticcup_fem.mesh import cup_mesh, write_msh
+        from mpi4py import MPI
+
+        from opticcup_fem.mesh import write_msh
+        from opticcup_fem.studies.model import mesh_of
 
         with _abort_all_ranks_on_a_bug():
-            surface_mesh = cup_mesh(
-                case.shape.opening_angle,
-                case.mesh.cell_size_cap,
-                case.mesh.cell_size_interface,
-                case.mesh.cell_size_oov,
-                seed=case.mesh.seed,
-            )
+            surface_mesh = mesh_of(case, MPI.COMM_WORLD)
             write_msh(surface_mesh, path)
             report = surface_mesh.report()
         _say(f"{path}: {report}")

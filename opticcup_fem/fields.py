@@ -4,7 +4,7 @@ Every cell has nodes of its own, because thickness and stresses jump between lay
 """
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
@@ -22,7 +22,9 @@ _MIRRORED: Integers = np.array([0, 2, 1, 5, 6, 4, 3, 8, 7, 9])
 """The same for the cell with corners 1 and 2 exchanged."""
 
 
-def write_fields(path: Path, snapshot: Snapshot) -> None:
+def write_fields(
+    path: Path, snapshot: Snapshot, vectors: Mapping[str, Floats] | None = None
+) -> None:
     """Write one state as a .vtu file of cubic Lagrange triangles that wind outwards.
 
     Point data (units R and mu_IOV): ``position``, ``displacement``, ``boundary_0`` (inner face)
@@ -34,6 +36,7 @@ def write_fields(path: Path, snapshot: Snapshot) -> None:
     Args:
         path: The file; replaced in one step once it is complete.
         snapshot: The state.
+        vectors: More point data by name, at the snapshot's nodes, shape (n, 3).
     """
     import meshio
 
@@ -53,6 +56,8 @@ def write_fields(path: Path, snapshot: Snapshot) -> None:
         data[f"lambda_3_{layer}"] = per_cell(stretch)
     for layer, stress in snapshot.stress.items():
         data[f"stress_{layer}"] = per_cell(stress)
+    for name, values in (vectors or {}).items():
+        data[name] = per_cell(values[snapshot.cells])
     data["node"] = per_cell(snapshot.cells)
     cells = np.arange(order.size).reshape(order.shape)
     mesh = meshio.Mesh(

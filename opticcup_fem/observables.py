@@ -189,7 +189,6 @@ class Observer:
         position = np.asarray(frame(snapshot.position) / self.radius, dtype=np.float64)
         aligned = replace(snapshot, position=position)
         apex, bottom = (self._poles @ aligned.position)[:, 2]
-        rings = (self._rings @ aligned.position).reshape(self._ring_reference.shape)
         meridians = (self._meridians @ aligned.position).reshape(_MERIDIAN_POINTS, -1, 3)
         top = mean_peak(meridians[..., 2])
         r = mean_peak(np.hypot(meridians[..., 0], meridians[..., 1]))
@@ -201,9 +200,23 @@ class Observer:
             "max_radius_over_R": r,
             "depth_over_R": depth,
             "tangent_angle_interface": self._tangent_angle(aligned),
-            "asymmetry": relative_asymmetry(azimuthal_spectrum(rings, self.phi), self.weights),
+            "asymmetry": relative_asymmetry(self.ring_spectrum(position), self.weights),
         }
         return numbers | self._wavenumbers(aligned)
+
+    def ring_spectrum(self, aligned: Floats) -> NDArray[np.complex128]:
+        """Return the azimuthal amplitudes of a nodal field on rings, (n_rings, n_m, 3).
+
+        Args:
+            aligned: The field at the nodes, in the cup's axes, shape (n_nodes, 3).
+        """
+        rings = (self._rings @ aligned).reshape(self._ring_reference.shape)
+        return azimuthal_spectrum(rings, self.phi)
+
+    def on_interface(self, aligned: Floats) -> Floats:
+        """Return a nodal field (n_nodes, 3) on the interface circle, shape (n_phi, 3)."""
+        on_circle: Floats = self._circle @ aligned
+        return on_circle
 
     def _apex_stretch(self, snapshot: Snapshot) -> float:
         """Return the mean of lambda_3 through the IOV at the apex, over the cells that meet."""
@@ -225,8 +238,8 @@ class Observer:
 
     def _wavenumbers(self, aligned: Snapshot) -> dict[str, float]:
         """Return the amplitudes of the interface circle's displacement, m = 0 .. 8."""
-        reference = (self._circle @ aligned.reference) / self.radius
-        spectrum = azimuthal_spectrum(self._circle @ aligned.position - reference, self.phi)
+        displacement = aligned.position - aligned.reference / self.radius
+        spectrum = azimuthal_spectrum(self.on_interface(displacement), self.phi)
         amplitude = np.linalg.norm(spectrum, axis=1)
         return {f"interface_m{m}": float(amplitude[m]) for m in range(WAVENUMBERS)}
 

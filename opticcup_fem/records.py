@@ -2,8 +2,8 @@
 
 ``case.toml`` the resolved case; ``path.csv`` one row a state; ``events.json``; ``fields.pvd`` and
 ``fields/`` for ParaView; ``sections.npz`` meridian sections; pictures made from these.  The
-meridian model adds ``modes.npz`` and writes no fields.  Whenever a
-run is cut short, the files in its folder are complete up to there.
+meridian model adds its critical modes, ``modes.npz`` and ``modes.pvd``.  Whenever a run is cut
+short, the files in its folder are complete up to there.
 """
 
 import csv
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 CASE, PATH, EVENTS = "case.toml", "path.csv", "events.json"
 SECTIONS, COLLECTION, FIELDS = "sections.npz", "fields.pvd", "fields"
 SUMMARY, COMPARISON, SOLID = "summary.png", "comparison.png", "cup.png"
-BIFURCATION, MODES = "bifurcation.png", "modes.npz"
+BIFURCATION, MODES, MODE_COLLECTION = "bifurcation.png", "modes.npz", "modes.pvd"
 
 AZIMUTHS = 8
 """Meridian sections of each state: four planes through the axis."""
@@ -68,6 +68,7 @@ class RunFolder:
             ) from error
         self._columns: tuple[str, ...] = ()
         self._fields: list[tuple[float, str]] = []
+        self._mode_fields: list[tuple[float, str]] = []
         self._sections: list[tuple[float, tuple[Section, ...]]] = []
         self._meridians: Meridians | None = None
         self.write_events([])
@@ -92,7 +93,7 @@ class RunFolder:
     def _clear(self) -> None:
         """Delete an earlier run's records."""
         pictures = (SUMMARY, COMPARISON, SOLID, BIFURCATION)
-        names = (CASE, PATH, EVENTS, SECTIONS, COLLECTION, MODES, *pictures)
+        names = (CASE, PATH, EVENTS, SECTIONS, COLLECTION, MODES, MODE_COLLECTION, *pictures)
         earlier = [self.path / name for name in names]
         for file in [*earlier, *(self.path / FIELDS).glob("*.vtu")]:
             file.unlink(missing_ok=True)
@@ -127,6 +128,14 @@ class RunFolder:
         write_fields(self.path / name, snapshot)
         self._fields.append((float(snapshot.t_n), name))
         write_collection(self.path / COLLECTION, self._fields)
+        return self.path / name
+
+    def write_mode_fields(self, snapshot: Snapshot, mode: NDArray[np.float64]) -> Path:
+        """Write a critical state's fields with its ``mode``, shape (n, 3), and add to modes.pvd."""
+        name = f"{FIELDS}/mode{len(self._mode_fields):04d}.vtu"
+        write_fields(self.path / name, snapshot, {"mode": mode})
+        self._mode_fields.append((float(snapshot.t_n), name))
+        write_collection(self.path / MODE_COLLECTION, self._mode_fields)
         return self.path / name
 
     def write_sections(self, snapshot: Snapshot) -> None:

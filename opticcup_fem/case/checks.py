@@ -6,6 +6,8 @@ import itertools
 import math
 from typing import TYPE_CHECKING
 
+from opticcup_fem.errors import CaseError
+
 if TYPE_CHECKING:
     from opticcup_fem.case.tables import Case
 
@@ -28,12 +30,32 @@ def show(value: object) -> str:
     return str(value)
 
 
+def require_cup(case: Case, what: str) -> None:
+    """Refuse a case without an OOV.
+
+    Args:
+        case: The case.
+        what: What is for closed cups only, as the subject of a sentence.
+
+    Raises:
+        CaseError: The shape is not a cup.
+    """
+    kind = case.shape.kind
+    if kind != "cup":
+        raise CaseError(
+            f'shape.kind = "{kind}" is not possible: {what} for the closed cup only; take "cup", '
+            'or run.model = "meridian" in a run'
+        )
+
+
 def _reject(key: str, value: object, allowed: str) -> None:
     raise ValueError(f"{key} = {show(value)} is not possible: {allowed}")
 
 
 def _check_cap_is_a_shell(case: Case) -> None:
     shape = case.shape
+    if shape.kind == "disk":
+        return
     smallest = math.degrees(1.0 / shape.radius_over_thickness)
     if shape.opening_angle_deg < smallest:
         _reject(
@@ -68,6 +90,8 @@ def _check_growth_stays_positive(case: Case) -> None:
 
 
 def _check_mesh_resolves_the_shape(case: Case) -> None:
+    if case.shape.kind != "cup":
+        return
     mesh, alpha = case.mesh, case.shape.opening_angle
     arcs = {"cap": (2 * alpha, "the cap"), "oov": (math.pi - alpha, "interface to bottom pole")}
     for region, (arc, place) in arcs.items():

@@ -34,14 +34,17 @@ class _Table(BaseModel):
 class Shape(_Table):
     """The stress-free shell before growth: a sphere of radius R with a bilayer cap."""
 
-    kind: Literal["cup"] = Field(default="cup", description="a closed sphere, cap and OOV")
+    kind: Literal["cup", "cap", "disk"] = Field(
+        default="cup",
+        description="cup: closed sphere, cap and OOV; meridian also cap: cap alone, disk: flat cap",
+    )
     radius_over_thickness: float = Field(
-        default=5.0, ge=2, le=1000, description="R/h, radius over total thickness"
+        default=5.0, ge=2, le=1000, description="R/h, radius of sphere or disk over thickness"
     )
     # From 5: a cap must hold a few cells. To 90: beyond it the "cap" is the larger part, has no
     # rim to invaginate through, and the depth D loses its meaning.
     opening_angle_deg: float = Field(
-        default=40.0, ge=5, le=90, description="alpha in degrees, colatitude of the interface"
+        default=40.0, ge=5, le=90, description="alpha in degrees, colatitude of the cap's edge"
     )
     radius_um: Positive = Field(default=50.0, description="R in micrometres, only scales pictures")
 
@@ -106,6 +109,10 @@ class Run(_Table):
         default="surface",
         description="discretisation: whole surface, or axisymmetric",
     )
+    follow: Literal["stable", "axisymmetric"] = Field(
+        default="stable",
+        description="surface: what a tissue would do, or the axisymmetric states, stable or not",
+    )
     max_wavenumber: int = Field(
         default=8, ge=2, le=40, description="meridian: stability is counted for m = 0 .. this"
     )
@@ -115,7 +122,7 @@ class Run(_Table):
 
 
 class Mesh(_Table):
-    """Surface mesh, sizes in units of R.
+    """Surface mesh, sizes in units of R; the meridian's follows from R/h.
 
     The default of ``cell_size_oov`` follows the width sqrt(R h) of the boundary layers in which
     the OOV bends, 0.3 sqrt(5 h/R), never above 0.3 (docs/decisions/0009-mesh-sizes.md).
@@ -132,7 +139,7 @@ class Mesh(_Table):
 
 
 class Solver(_Table):
-    """Load stepping in t_n and Newton's method."""
+    """Load stepping in t_n and Newton's method; the meridian's arc length has steps of its own."""
 
     initial_step: Positive = Field(default=0.01, description="first step in t_n")
     max_step: Positive = Field(default=0.1, description="largest step in t_n")
@@ -157,8 +164,8 @@ class Output(_Table):
         strict=False,  # a TOML array is a list
         description="t_n landed on exactly, with fields; default every 0.1 to t_end",
     )
-    fields: bool = Field(default=True, description="surface: fields for ParaView at output.times")
-    picture: bool = Field(default=True, description="write summary.png")
+    fields: bool = Field(default=True, description="fields for ParaView at output.times")
+    picture: bool = Field(default=True, description="write the pictures")
 
 
 class Case(_Table):
@@ -172,8 +179,10 @@ class Case(_Table):
     material: Material = Field(default=Material(), description="layers and closure")
     growth: Growth = Field(default=Growth(), description="growth factors e = 1 + rate t_n")
     run: Run = Field(default=Run(), description="discretisation and last time")
-    mesh: Mesh = Field(default=Mesh(), validate_default=True, description="surface mesh")
-    solver: Solver = Field(default=Solver(), description="surface: load stepping and Newton")
+    mesh: Mesh = Field(
+        default=Mesh(), validate_default=True, description="surface model only: mesh"
+    )
+    solver: Solver = Field(default=Solver(), description="surface model only: steps, Newton")
     output: Output = Field(default=Output(), validate_default=True, description="what is written")
 
     @field_validator("output", mode="after")

@@ -1,61 +1,39 @@
-"""Load stepping in t_n along stable equilibria, through limit points by relaxation."""
+"""Load stepping in t_n along stable equilibria, with jumps where stability is lost."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from opticcup_fem.equilibrium.critical import CriticalPoint, CriticalPoints, Known
 from opticcup_fem.equilibrium.jumps import Relaxation
 from opticcup_fem.equilibrium.newton import MixedNewton, Solution
 from opticcup_fem.equilibrium.problem import Problem
 from opticcup_fem.equilibrium.relaxation import Relaxed
+from opticcup_fem.equilibrium.steps import Course, History, StepControl
 from opticcup_fem.errors import ClosureBreakdown, ConvergenceError, OpticCupError
 from opticcup_fem.shell.model import ShellState
 
-TIME_EPSILON = 1e-12
-"""Two normalised times closer than this are the same."""
-
-
-@dataclass(frozen=True)
-class StepControl:
-    """How far a step in t_n may go.
-
-    Attributes:
-        initial: First step, and first step after a jump.
-        largest: No step is longer.
-        smallest: No step is shorter; a jump is looked for instead.
-        growth: Factor after a quick step.
-        cut: Factor after a failed one.
-        quick: A step of at most this many iterations is quick.
-        max_move: Largest move of a node in one step, unit R.
-        jump_move: A relaxation that moves a node farther than this is a jump, unit R.
-    """
-
-    initial: float = 0.01
-    largest: float = 0.1
-    smallest: float = 1e-4
-    growth: float = 1.5
-    cut: float = 0.4
-    quick: int = 6
-    max_move: float = 0.4
-    jump_move: float = 0.05
+PUSHES = (0.01, 0.02, 0.04, 0.08, 0.16)
+"""Moves along a critical mode, largest of a node over R, that are tried one after the other until
+relaxation leaves the path that lost its stability."""
 
 
 @dataclass(frozen=True)
 class PathPoint:
-    """An accepted, stable equilibrium.
+    """An accepted equilibrium.
 
     Attributes:
         t_n: Normalised time.
         state: The equilibrium.
         jump: Whether it was reached by relaxation from a state that had lost its stability.
-        negative_eigenvalues: Of the tangent; None where the closure has no energy.
+        negative_eigenvalues: Of the tangent; None where they were not counted.
         iterations: Newton iterations or descent steps that the point took, failures included.
         residual: Norm of the residual.
         energy: Strain energy (for closures without one: the integral of Psi_0).
+        critical: The critical points between the point before and this one.
     """
 
     t_n: float
@@ -65,6 +43,21 @@ class PathPoint:
     iterations: int
     residual: float
     energy: float
+    critical: tuple[CriticalPoint, ...] = ()
+
+    @property
+    def stable(self) -> bool:
+        """Whether no negative eigenvalue is known."""
+        return not self.negative_eigenvalues
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """One Newton solve: an accepted point, an equilibrium that is not accepted, or neither."""
+
+    solution: Solution
+    point: PathPoint | None = None
+    unstable: ShellState | None = None
 
 
 @dataclass(frozen=True)
@@ -89,6 +82,7 @@ class LoadStepping:
         newton: MixedNewton,
         relaxation: Relaxation,
         control: StepControl,
+        critical: CriticalPoints | None = None,
     ) -> None:
         """Keep the parts.
 
@@ -97,9 +91,10 @@ class LoadStepping:
             newton: Solver of one state.
             relaxation: Way down from a lost state.
             control: Step control.
+            critical: Localises and classifies critical points; None leaves them unexplained.
         """
         self.problem, self.newton, self.relaxation = problem, newton, relaxation
-        self.control = control
+        self.control, self.critical = control, critical
         self.end: PathEnd | None = None
         self.accepted = 0
 
@@ -141,64 +136,120 @@ class LoadStepping:
             t_start: First normalised time.
         """
         control = self.control
-        course = _Course(t_start, t_end, times)
-        point, solution = self._attempt(t_start, state, state)
-        if point is None:
-            self.end = PathEnd(t_start, solution)
+        course = Course(t_start, t_end, times)
+        first = self._attempt(t_start, state, None)
+        if first.point is None:
+            self.end = PathEnd(t_start, first.solution)
             return
+        point = first.point
         yield point
         dt, spent = control.initial, 0
-        history = _History(self.problem, course.sign, point)
+        history = History(self.problem, course, point.t_n, self._remembered(point))
         while not course.is_over(point.t_n):
             step = history.limited(dt, control.smallest)
             target, step = course.next(point.t_n, step)
-            found, solution = self._attempt(target, history.predict(target), point.state)
+            attempt = self._attempt(target, history.predict(target), point)
+            found, solution = attempt.point, attempt.solution
             spent += solution.iterations
             if found is not None:
-                history.add(found)
+                history.add(found.t_n, self._remembered(found))
                 quick = solution.iterations <= control.quick
                 dt = min(max(dt, step) * (control.growth if quick else 1.0), control.largest)
-            elif step > control.smallest * (1 + 1e-6):
+            elif not self._gives_up(step, history.states, target, attempt):
                 history.block(step)
                 dt = control.cut * step
                 continue
             else:
-                found = self._relaxed(point, target, solution)
+                found = self._leave(history, target, attempt, point)
                 if found is None:
                     return
                 spent += found.iterations
-                history = _History(self.problem, course.sign, found)
+                history = History(self.problem, course, found.t_n, self._remembered(found))
                 dt = control.initial
             point = replace(found, iterations=spent)
             self.accepted += 1
             spent = 0
+            self.problem.shell.set_time(point.t_n)
             yield point
 
-    def _attempt(
-        self, t_n: float, guess: ShellState, before: ShellState
-    ) -> tuple[PathPoint | None, Solution]:
-        """Solve at ``t_n``; return the point if it is converged, near and stable (collective)."""
+    def _attempt(self, t_n: float, guess: ShellState, before: PathPoint | None) -> Attempt:
+        """Solve at ``t_n``; accept what is converged, near and stable enough (collective)."""
         shell = self.problem.shell
         shell.set_time(t_n)
-        solution = self.newton.solve(guess, before=before)
-        far = self._moved(solution.state, before) > self.control.max_move
-        if not solution.converged or far:
-            return None, solution
+        near = guess if before is None else before.state
+        solution = self.newton.solve(guess, before=near)
+        if not solution.converged or self._moved(solution.state, near) > self.control.max_move:
+            return Attempt(solution)
         inertia = self.newton.inertia()
-        if inertia is not None and inertia.negative > 0:
-            return None, solution
-        state = shell.with_updated_directors(solution.state)
         negative = None if inertia is None else inertia.negative
+        state = shell.with_updated_directors(solution.state)
+        if negative and not self._admits(Known(t_n, state, negative), before):
+            return Attempt(solution, unstable=state)
         energy = shell.energy(state)
         point = PathPoint(
             t_n, state, False, negative, solution.iterations, solution.residual, energy
         )
-        return point, solution
+        try:
+            return Attempt(solution, replace(point, critical=self._passed(before, point)))
+        except ConvergenceError:  # too far apart: a shorter step finds them
+            return Attempt(solution)
 
-    def _relaxed(self, point: PathPoint, t_n: float, attempt: Solution) -> PathPoint | None:
-        """Relax from a point onto a stable state at ``t_n``; None ends the path (collective)."""
+    def _admits(self, state: Known, before: PathPoint | None) -> bool:
+        """Return whether an unstable state may be accepted (collective)."""
+        return False
+
+    def _passed(self, before: PathPoint | None, after: PathPoint) -> tuple[CriticalPoint, ...]:
+        """Return the critical points between two accepted points (collective)."""
+        return ()
+
+    def _remembered(self, point: PathPoint) -> ShellState:
+        """Return the state from which later ones are extrapolated (collective)."""
+        return point.state
+
+    def _gives_up(
+        self,
+        step: float,
+        states: Sequence[tuple[float, ShellState]],
+        t_n: float,
+        attempt: Attempt,
+    ) -> bool:
+        """Return whether, after a failed step, the path is left instead of trying a shorter one."""
+        return step <= self.control.smallest * (1 + 1e-6)
+
+    def _leave(
+        self, history: History, t_n: float, attempt: Attempt, point: PathPoint
+    ) -> PathPoint | None:
+        """Leave the last state for a stable one at ``t_n``; None ends the path (collective).
+
+        Past a limit point the descent finds its way by itself.  At a bifurcation the state is
+        moved along the critical mode first: by symmetry nothing else would leave the path.  Where
+        parts touch, the tangent jumps with every part that touches, and has no critical modes.
+        """
+        contact = point.state.contact
+        if self.critical is None or (contact is not None and contact.touches):
+            return self._relaxed(point, point.state, t_n, attempt.solution)
+        critical = self.critical.at_loss(history.states, (t_n, attempt.unstable))
+        starts = [point.state]
+        if critical.kind == "bifurcation" and attempt.unstable is not None:
+            starts = [critical.mode.moved(point.state, push) for push in PUSHES]
+        spent = 0
+        for start in starts:
+            found = self._relaxed(point, start, t_n, attempt.solution)
+            if found is None:
+                return None
+            spent += found.iterations
+            if found.jump:
+                break
+        assert found is not None
+        known = (critical,) if found.jump or attempt.unstable is not None else ()
+        return replace(found, iterations=spent, critical=known)
+
+    def _relaxed(
+        self, point: PathPoint, start: ShellState, t_n: float, attempt: Solution
+    ) -> PathPoint | None:
+        """Relax from ``start`` onto a stable state at ``t_n``; None ends the path (collective)."""
         self.problem.shell.set_time(t_n)
-        relaxed = self.relaxation.relax(point.state)
+        relaxed = self.relaxation.relax(start)
         if not relaxed.converged:
             self.end = PathEnd(t_n, attempt if relaxed.lost is None else relaxed)
             return None
@@ -215,102 +266,3 @@ class LoadStepping:
     def _moved(self, after: ShellState, before: ShellState) -> float:
         """Return the largest move of a node between two states (collective)."""
         return self.problem.largest(np.linalg.norm(after.r - before.r, axis=1))
-
-
-class _Course:
-    """The way from one normalised time to another, with the times to land on.
-
-    Attributes:
-        sign: +1 where t_n grows along it, else -1.
-    """
-
-    def __init__(self, t_start: float, t_end: float, times: Sequence[float]) -> None:
-        self.sign = 1.0 if t_end >= t_start else -1.0
-        self._end = t_end
-        between = {t for t in times if self._ahead(t, t_start) and self._ahead(t_end, t)}
-        self._landings = sorted({*between, t_end}, reverse=self.sign < 0)
-
-    def _ahead(self, t: float, of: float) -> bool:
-        return self.sign * (t - of) > TIME_EPSILON
-
-    def is_over(self, t: float) -> bool:
-        """Return whether ``t`` is the end, or past it."""
-        return not self._ahead(self._end, t)
-
-    def next(self, t: float, dt: float) -> tuple[float, float]:
-        """Return the next time and the step to it (positive), landing exactly where it is due.
-
-        A step that would stop just short of a landing goes half the way instead of leaving a
-        sliver.
-        """
-        due = next(time for time in self._landings if self._ahead(time, t))
-        left = abs(due - t)
-        if dt >= left - TIME_EPSILON:
-            return due, left
-        step = left / 2 if 1.5 * dt > left else dt
-        return t + self.sign * step, step
-
-
-class _History:
-    """The last accepted states: predictor, and an estimate of how near a limit point is."""
-
-    def __init__(self, problem: Problem, sign: float, first: PathPoint) -> None:
-        self._problem, self._sign = problem, sign
-        self._points = [(first.t_n, first.state)]
-        self._blocked = math.inf
-
-    def add(self, point: PathPoint) -> None:
-        """Append an accepted point; three are remembered."""
-        self._points = [*self._points[-2:], (point.t_n, point.state)]
-        if self._to_failure <= 0:
-            self._blocked = math.inf
-
-    def block(self, step: float) -> None:
-        """Remember that a step of this length failed."""
-        self._blocked = min(self._along + step, self._blocked)
-
-    @property
-    def _along(self) -> float:
-        """Signed time of the last state, which grows along the path."""
-        return self._sign * self._points[-1][0]
-
-    @property
-    def _to_failure(self) -> float:
-        return self._blocked - self._along
-
-    def predict(self, t: float) -> ShellState:
-        """Return the guess at ``t``: polynomial extrapolation through up to three states."""
-        times = [time for time, _ in self._points]
-        _, last = self._points[-1]
-        guess = last
-        for i, (time, state) in enumerate(self._points[:-1]):
-            weight = math.prod(
-                (t - other) / (time - other) for j, other in enumerate(times) if j != i
-            )
-            guess = guess.plus(state.minus(last), weight)
-        return self._problem.with_mean_directors(guess, last)
-
-    def limited(self, dt: float, smallest: float) -> float:
-        """Return ``dt``, or less near a failed step or where the path bends to a limit point.
-
-        Near a fold t is quadratic in the distance moved; its maximum through the last three
-        states estimates the fold, and a step goes at most 0.8 of the way there.
-        """
-        to_fold = self._distance_to_fold()
-        ahead = 0.8 * to_fold
-        if to_fold < 3 * self._to_failure:
-            ahead = min(ahead, 0.5 * self._to_failure)
-        return min(dt, max(ahead, smallest))
-
-    def _distance_to_fold(self) -> float:
-        """Return the estimated distance in t_n to the next limit point, inf where none shows."""
-        if len(self._points) < 3:
-            return math.inf
-        (t_0, a), (t_1, b), (t_2, c) = self._points
-        s_1, s_2 = self._problem.distance(a, b), self._problem.distance(b, c)
-        rate_1, rate_2 = abs(t_1 - t_0) / s_1, abs(t_2 - t_1) / s_2
-        bend = (rate_2 - rate_1) / (s_1 + s_2)
-        slope = rate_2 + bend * s_2
-        if bend >= 0:
-            return math.inf
-        return slope * slope / (-4 * bend) if slope > 0 else 0.0

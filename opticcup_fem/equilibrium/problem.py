@@ -149,8 +149,11 @@ class Problem:
 
     def global_values(self, state: ShellState) -> Array:
         """Return the rank's owned values of u = (r, alpha), in global order."""
-        local = np.concatenate([state.r.ravel(), state.alpha.ravel()])
-        return local[self._numbering.owned_local]
+        return self.owned_values(state.r, state.alpha)
+
+    def owned_values(self, r: Array, alpha: Array) -> Array:
+        """Return the rank's owned values of positions and angles, in global order."""
+        return np.concatenate([r.ravel(), alpha.ravel()])[self._numbering.owned_local]
 
     def to_local(self, owned: Array) -> Array:
         """Return all local values (owned and ghost) from the owned ones (collective)."""

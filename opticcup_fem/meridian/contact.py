@@ -20,7 +20,7 @@ def self_crossing(shell: MeridianShell, state: MeridianState) -> Array | None:
     basis = mesh.tabulate(points, 0)[0]
     curve = np.einsum("cqn,cni->cqi", basis, state.r[mesh.cells]).reshape(-1, 2)
     curve = np.concatenate([curve, state.r[mesh.cells[-1, 1]][None]])
-    beyond = np.flatnonzero(curve[1:-1, 0] < 0)
+    beyond = np.flatnonzero(curve[1:, 0] < 0)
     if len(beyond):
         return np.asarray(curve[beyond[0] + 1])
     return crossing_of(curve)

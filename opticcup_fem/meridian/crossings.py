@@ -8,7 +8,7 @@ from itertools import pairwise
 
 from scipy.optimize import brentq
 
-from opticcup_fem.errors import ConvergenceError
+from opticcup_fem.errors import OpticCupError
 from opticcup_fem.meridian.path import MeridianPath, MeridianPoint
 from opticcup_fem.meridian.shell import MeridianState
 from opticcup_fem.meridian.waves import Mode
@@ -84,20 +84,20 @@ def _localised(
         share = float(brentq(at, 0.0, 1.0, xtol=tolerance / width))
         solution, state = path.point_between(low, high, share)
         t_n, arc = solution.t, solution.arc
-    except ConvergenceError:
+    except OpticCupError:
         # where many modes become critical together no state between the two can be solved for
         ends = [eigenvalue(point.state, point.t_n) for point in (low, high)]
         share = ends[0] / (ends[0] - ends[1])
         t_n = low.t_n + share * (high.t_n - low.t_n)
         arc = low.path.arc + share * (high.path.arc - low.path.arc)
         state = low.state
-    modes = path.waves.modes(state, t_n, m, index + 2)
+    (mode,) = path.waves.modes(state, t_n, m)
     return Crossing(
         t_n,
         m,
         high.negative[m] > low.negative[m],
         low.followed and high.followed,
         state,
-        min(modes, key=lambda mode: abs(mode.eigenvalue)),
+        mode,
         arc,
     )

@@ -26,8 +26,8 @@ def path_events(
     """Return the events of a path, ordered by t_n.
 
     Invaginations are those of the part that a cup follows (``opticcup_fem.events``); a fold is
-    placed at its limit point, a smooth descent where dc/dt_n is least.  Other limit points and all
-    crossings of eigenvalues are events of their own.
+    placed at its limit point, a smooth descent where dc/dt_n is least; a flat disc has none.
+    Other limit points and all crossings of eigenvalues are events of their own.
 
     Args:
         path: The path.
@@ -38,9 +38,11 @@ def path_events(
     """
     pairs = [(point, row) for point, row in zip(points, rows, strict=True) if point.followed]
     followed = [point for point, _ in pairs]
+    is_curved = path.problem.shell.mesh.profile.curvature != 0
     events = [
         _sharpened(one, path, followed, curvature)
         for one in detect_events([row for _, row in pairs], curvature=curvature)
+        if is_curved
     ]
     taken = {one["t_n"] for one in events}
     events += [

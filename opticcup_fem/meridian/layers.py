@@ -3,71 +3,80 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from opticcup_fem.meridian.shell import MeridianShell, MeridianState
 from opticcup_fem.sections import Section, SectionPart
-from opticcup_fem.shell import closures
+from opticcup_fem.shell.recovery import LayerFields, layer_means
 
 Array = NDArray[np.float64]
 
 
-def layer_stretches(
-    shell: MeridianShell, state: MeridianState, t_n: float, region: str
-) -> dict[str, Array]:
-    """Return each layer's mean of lambda_3 at the nodes of a region's cells.
+@dataclass(frozen=True)
+class Meridian:
+    """A region's mid-surface and layers at points of the meridian.
 
-    Evaluated at the quadrature points and carried to the nodes by a quadratic fit on each cell.
-
-    Returns:
-        Shape (n_cells of the region, degree + 1), ends first.
+    Attributes:
+        position: (r, z), shape (k, 2).
+        faces: (r, z) of the layers' faces, inside first, shape (k, n_layers + 1, 2).
+        fields: Thickness stretch, shape (k,), and stress, shape (k, 3), of each layer.
     """
-    cells = shell.mesh.region[region]
+
+    position: Array
+    faces: Array
+    fields: dict[str, LayerFields]
+
+
+def evaluate(
+    shell: MeridianShell, state: MeridianState, t_n: float, region: str, s: Array
+) -> Meridian:
+    """Return a region's mid-surface and layers at arc lengths.
+
+    Layers are evaluated at the quadrature points and carried on by a quadratic fit on each cell.
+
+    Args:
+        shell: The shell.
+        state: A state.
+        t_n: Its normalised time.
+        region: Name of the region.
+        s: Arc lengths within the region, its ends included, shape (k,).
+    """
+    mesh, section, cells = shell.mesh, shell.sections[region], shell.mesh.region[region]
     forms = shell.forms_at_points(state)[cells].reshape(-1, 6)
-    means = closures.mean_stretches(
+    means = layer_means(
         shell.closure,
-        shell.sections[region],
+        section,
         shell.growth_at(t_n, region),
         forms,
         np.broadcast_to([1.0, 1.0, 0.0], (len(forms), 3)),
-        shell.mesh.profile.curvature,
+        mesh.profile.curvature,
+        np.broadcast_to([1.0, 0.0], (len(forms), 2)),
     )
+    inside = np.searchsorted(mesh.vertices[cells[1:]], s, side="right")
+    cell = cells[inside]
+    x = (s - mesh.vertices[cell]) / mesh.sizes[cell]
     powers = np.arange(3)
-    at_points = shell.forms.quadrature_points[:, None] ** powers
-    fit = shell.mesh.node_points**powers @ np.linalg.pinv(at_points)
-    return {name: mean.reshape(len(cells), -1) @ fit.T for name, mean in means.items()}
+    to_powers = np.linalg.pinv(shell.forms.quadrature_points[:, None] ** powers)
+    fit = x[:, None] ** powers @ to_powers
 
+    def at(values: Array) -> Array:
+        """Return values at the quadrature points at the arc lengths."""
+        per_cell = values.reshape(len(cells), -1, *values.shape[1:])
+        return np.asarray(np.einsum("kq,kq...->k...", fit, per_cell[inside]))
 
-def region_profile(
-    shell: MeridianShell, state: MeridianState, t_n: float, region: str
-) -> tuple[Array, Array, Array]:
-    """Return a region's mid-surface and faces along the meridian.
-
-    Returns:
-        Arc lengths, shape (k,); positions (r, z), shape (k, 2); faces, inside first, shape
-        (k, n_layers + 1, 2).
-    """
-    mesh, section = shell.mesh, shell.sections[region]
-    cells = mesh.region[region]
-    order = np.argsort(mesh.node_points[:, 0])
-    nodes = mesh.cells[cells][:, order]
-    s, position = mesh.s[nodes], state.r[nodes]
-    tangent = np.einsum(
-        "cqn,cni->cqi",
-        mesh.tabulate(mesh.node_points[order, 0], 1)[1, cells],
-        state.r[mesh.cells[cells]],
-    )
-    tangent /= np.linalg.norm(tangent, axis=-1, keepdims=True)
-    normal = np.stack([-tangent[..., 1], tangent[..., 0]], axis=-1)
-    means = layer_stretches(shell, state, t_n, region)
-    stretches = [means[layer.name][:, order] for layer in section.layers]
-    faces = position[:, :, None] + section.face_heights(stretches)[..., None] * normal[:, :, None]
-    keep = np.ones(s.shape, dtype=bool)
-    # neighbours share their end
-    keep[1:, 0] = False
-    return s[keep], position[keep], faces[keep]
+    fields = {
+        name: LayerFields(at(mean.thickness_stretch), at(mean.stress))
+        for name, mean in means.items()
+    }
+    table = mesh.basis.tabulate(1, x[:, None])[..., 0]
+    position, tangent = np.einsum("dkn,kni->dki", table, state.r[mesh.cells[cell]])
+    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
+    heights = section.face_heights([fields[one.name].thickness_stretch for one in section.layers])
+    return Meridian(position, position[:, None] + heights[..., None] * normal[:, None], fields)
 
 
 def sections(
@@ -82,19 +91,24 @@ def sections(
         azimuths: Azimuths phi, radians.
     """
     radius = 1.0 if shell.mesh.profile.curvature == 0 else -1.0 / shell.mesh.profile.curvature
-    profiles = {name: region_profile(shell, state, t_n, name) for name in shell.mesh.region}
+    nodes = {
+        name: np.unique(shell.mesh.s[shell.mesh.cells[cells]])
+        for name, cells in shell.mesh.region.items()
+    }
+    profiles = {name: evaluate(shell, state, t_n, name, s) for name, s in nodes.items()}
 
     def part(name: str, phi: float) -> SectionPart:
-        s, middle, faces = profiles[name]
+        on = profiles[name]
         layers = tuple(layer.name for layer in shell.sections[name].layers)
-        return SectionPart(np.asarray(s / radius), _at(middle, phi), _at(faces, phi), layers)
+        theta = np.asarray(nodes[name] / radius)
+        return SectionPart(theta, at_azimuth(on.position, phi), at_azimuth(on.faces, phi), layers)
 
     return tuple(
         Section(float(phi), {name: part(name, float(phi)) for name in profiles}) for phi in azimuths
     )
 
 
-def _at(points: Array, phi: float) -> Array:
-    """Return points (..., 2) of the meridian at an azimuth, shape (..., 3)."""
+def at_azimuth(points: Array, phi: float | Array) -> Array:
+    """Return points (r, z), shape (..., 2), in space at azimuths that fit (...), shape (..., 3)."""
     r, z = np.moveaxis(points, -1, 0)
-    return np.stack([r * np.cos(phi), r * np.sin(phi), z], axis=-1)
+    return np.stack([r * np.cos(phi), r * np.sin(phi), np.broadcast_to(z, np.shape(r * phi))], -1)

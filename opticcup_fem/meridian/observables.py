@@ -58,10 +58,12 @@ def apex_stretch(shell: MeridianShell, state: MeridianState, t_n: float, layer: 
 
 @dataclass(frozen=True)
 class CupObserver:
-    """Turns states of a closed cup of radius R into numbers.
+    """Turns states of a closed cup, an open cap or a disk of radius R into numbers.
+
+    Where there is no bottom pole the rim stands in, where there is no interface too.
 
     Attributes:
-        shell: The shell, on a ``ClosedSphere``.
+        shell: The shell, with a region "cap" from the apex on.
         radius: R.
     """
 
@@ -76,12 +78,12 @@ class CupObserver:
         depth = extremes(mesh, z)[1] - apex
         depth = depth if depth > TOP else 0.0
         widest = extremes(mesh, r)[1]
-        interface = int(mesh.region["oov"][0])
+        edge = int(mesh.region["cap"][-1]) + 1
         return {
             "D_over_r": depth / widest,
             "lambda_iov": apex_stretch(self.shell, state, t_n, "iov"),
             "apex_height_over_R": apex - bottom,
             "max_radius_over_R": widest,
             "depth_over_R": depth,
-            "tangent_angle_interface": -float(state.angle[interface]),
+            "tangent_angle_interface": -float(state.angle[edge]),
         }

@@ -10,7 +10,7 @@ from opticcup_fem.errors import ClosureBreakdown, ConvergenceError, OpticCupErro
 from opticcup_fem.meridian.ellipticity import ellipticity
 from opticcup_fem.meridian.problem import MeridianProblem
 from opticcup_fem.meridian.shell import MeridianShell, MeridianState
-from opticcup_fem.meridian.waves import Waves
+from opticcup_fem.meridian.waves import Spectrum, Waves
 from opticcup_fem.shell.fibres import LostFibre
 
 LOWEST = -0.1
@@ -28,8 +28,8 @@ class MeridianPoint:
     Attributes:
         path: The solution in the continuation's terms.
         state: The same as a state of the shell.
-        negative: Negative eigenvalues in each wavenumber, rigid motions aside; of a limit point
-            the vanishing eigenvalue counts or not by its last digits.
+        spectra: Eigenvalues in each wavenumber; of a limit point the vanishing eigenvalue counts as
+            negative or not by its last digits.
         followed: Whether a cup that loses its axisymmetric stability at a limit point, falls to
             the next axisymmetrically stable state of this path, and never goes back in time
             passes here.
@@ -38,7 +38,7 @@ class MeridianPoint:
 
     path: PathState
     state: MeridianState
-    negative: dict[int, int]
+    spectra: dict[int, Spectrum]
     followed: bool
     jump: bool
 
@@ -46,6 +46,11 @@ class MeridianPoint:
     def t_n(self) -> float:
         """Normalised time."""
         return self.path.t
+
+    @property
+    def negative(self) -> dict[int, int]:
+        """Number of negative eigenvalues in each wavenumber."""
+        return {m: spectrum.negative for m, spectrum in self.spectra.items()}
 
     @property
     def stable(self) -> bool:
@@ -96,13 +101,13 @@ class MeridianPath:
             state = self.problem.unpack(solution.x)
             if self._last is None:
                 self._first_stiffness = ellipticity(self.problem.shell, state, solution.t).value
-            negative = self.waves.negative(state, solution.t)
+            spectra = self.waves.spectra(state, solution.t)
             keeps = solution.t > front and not fell
-            arrives = fell and solution.t >= front and solution.dt > 0 and negative[0] == 0
+            arrives = fell and solution.t >= front and solution.dt > 0 and not spectra[0].negative
             followed = keeps or (arrives and not solution.is_fold)
             self._accepted += 1
             self._last = state
-            yield MeridianPoint(solution, state, negative, followed, followed and fell)
+            yield MeridianPoint(solution, state, spectra, followed, followed and fell)
             if followed:
                 front, fell = solution.t, solution.is_fold
 

@@ -8,7 +8,7 @@ amplitudes are uniform, u_phi being a torsion.  Theory: docs/theory.md, "Loss of
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -17,9 +17,10 @@ from mpi4py import MPI
 import numpy as np
 import ufl
 from numpy.typing import NDArray
-from scipy import linalg
 
+from opticcup_fem.errors import OpticCupError
 from opticcup_fem.meridian.forms import WaveForms
+from opticcup_fem.meridian.pencils import Motions, Pencil
 from opticcup_fem.meridian.pressure import PressureWork
 from opticcup_fem.meridian.problem import assemble_dense, cell_unknowns
 from opticcup_fem.meridian.shell import MeridianShell, MeridianState
@@ -29,8 +30,19 @@ from opticcup_fem.shell.kernels import Kernel, compile_kernels
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-FAR = 1e6
-"""Eigenvalue given to rigid motions where they are taken out of a spectrum."""
+
+@dataclass(frozen=True)
+class Spectrum:
+    """What is known of the eigenvalues of one wavenumber, rigid motions aside.
+
+    Attributes:
+        negative: How many are negative, exactly.
+        nearest: The one nearest to zero, unit mu_IOV/R: where none is negative, the lowest.  NaN if
+            it was not found.
+    """
+
+    negative: int
+    nearest: float
 
 
 @dataclass(frozen=True)
@@ -175,11 +187,14 @@ class Waves:
         }
 
     @cached_property
-    def mass(self) -> Array:
-        """Mean over phi of |u|^2, integrated over the reference area, in m = 0; (n_u, n_u).
+    def masses(self) -> Array:
+        """Mean over phi of |u|^2, integrated over the reference area of each cell, in m = 0.
 
         Vertex rotations count with the small rotary inertia of the section.  In m >= 1 it is half
         of this.
+
+        Returns:
+            Shape (n_cells, n_c, n_c).
         """
         shell, mesh = self.shell, self.mesh
         basis = mesh.tabulate(shell.forms.quadrature_points, 0)[0]
@@ -191,15 +206,15 @@ class Waves:
         thickness = max(section.thickness for section in shell.sections.values())
         inertia = thickness**2 / 12 * shell.weights.sum(axis=1) / 2
         cells[:, [-2, -1], [-2, -1]] = inertia[:, None]
-        return assemble_dense(self._cell_unknowns, cells, self.n_u)
+        return cells
 
     # --- unknowns -----------------------------------------------------------------------------
 
     def _rotation_index(self, vertices: Indices) -> Indices:
         return 3 * self.mesh.n_nodes + vertices
 
-    def basis(self, m: int, pinned: bool = False) -> Array:
-        """Return the admissible motions as columns, shape (n_u, n_free).
+    def motions(self, m: int, pinned: bool = False) -> Motions:
+        """Return the admissible motions of a wavenumber.
 
         At a pole a smooth displacement has no (r, phi) part in m = 0, no axial part in m = 1, where
         u_r = -u_phi, and none at all from m = 2 on; the pole turns in m = 1 only.
@@ -211,9 +226,7 @@ class Waves:
         """
         poles = np.flatnonzero(self.mesh.is_pole)
         first = 3 * self.mesh.degree * poles
-        whole = np.eye(self.n_u)
         if m == 1:
-            whole[first + 1, first] = -1.0
             held = [first + 1, first + 2]
         else:
             held = [first, first + 1, self._rotation_index(poles)]
@@ -221,9 +234,13 @@ class Waves:
         if pinned and m < 2:
             widest = 3 * int(np.argmax(self.mesh.profile.position(self.mesh.s)[:, 0]))
             held += [np.array([widest + 1, widest + 2])]
-        keep = np.ones(self.n_u, dtype=bool)
-        keep[np.concatenate(held)] = False
-        return np.asarray(whole[:, keep])
+        free = np.ones(self.n_u, dtype=bool)
+        free[np.concatenate(held)] = False
+        column = np.where(free, np.cumsum(free) - 1, -1)
+        sign = np.ones(self.n_u)
+        if m == 1:
+            column[first + 1], sign[first + 1] = column[first], -1.0
+        return Motions(column, sign)
 
     def rigid_motions(self, state: MeridianState, m: int) -> Array:
         """Return the rigid motions of a state in wavenumber m as rows, shape (n_rigid, n_u).
@@ -247,94 +264,78 @@ class Waves:
 
     # --- spectra ------------------------------------------------------------------------------
 
-    def negative(self, state: MeridianState, t_n: float) -> dict[int, int]:
-        """Return the number of negative eigenvalues in each wavenumber, rigid motions aside.
-
-        By the inertia of the L D L^T factor.  Of a closure without an energy, whose second
-        variation is not symmetric, it is the number of eigenvalues with a negative real part;
-        there are none where the symmetric part has none.
-        """
-        counts = {}
-        for m, matrix in self.matrices(state, t_n).items():
-            admissible = self._restricted(matrix, m)
-            counts[m] = count_negative((admissible + admissible.T) / 2)
-            if counts[m] and not self.shell.has_energy:
-                counts[m] = int(np.sum(linalg.eigvals(admissible).real < 0))
-        return counts
-
-    def eigenvalue(self, state: MeridianState, t_n: float, m: int, index: int) -> float:
-        """Return an eigenvalue whose sign agrees with ``negative``: the one of place ``index``.
-
-        Its size has no meaning: it is taken with respect to the unknowns.
-        """
-        admissible = self._restricted(self.matrices(state, t_n)[m], m)
-        if self.shell.has_energy:
-            return float(linalg.eigvalsh(admissible, subset_by_index=[index, index])[0])
-        return float(np.sort(linalg.eigvals(admissible).real)[index])
-
-    def _restricted(self, matrix: Array, m: int) -> Array:
-        """Return the matrix on the admissible motions without the rigid ones."""
-        basis = self._pinned_basis[m]
-        keep, twins = basis
-        restricted = matrix
-        if len(twins):
-            restricted = matrix.copy()
-            for kept, other in twins:
-                restricted[kept] -= restricted[other]
-                restricted[:, kept] -= restricted[:, other]
-        return restricted[np.ix_(keep, keep)]
+    @cached_property
+    def _pencils(self) -> dict[int, Pencil]:
+        return {m: self._pencil(m, pinned=False) for m in self.wavenumbers}
 
     @cached_property
-    def _pinned_basis(self) -> Mapping[int, tuple[Indices, list[tuple[int, int]]]]:
-        """For each m the kept unknowns and the pairs (kept, other) with other = -kept."""
+    def _pinned(self) -> dict[int, Pencil]:
+        """The same without rigid motions, for counts and signs of eigenvalues."""
+        return {m: self._pencil(m, True) if m < 2 else self._pencils[m] for m in self.wavenumbers}
+
+    def _pencil(self, m: int, pinned: bool) -> Pencil:
+        masses = self.masses * (1.0 if m == 0 else 0.5)
+        motions = self.motions(m, pinned)
+        return Pencil(motions, self._cell_unknowns, masses, self.shell.has_energy)
+
+    def spectra(self, state: MeridianState, t_n: float) -> dict[int, Spectrum]:
+        """Return for each wavenumber the number of negative eigenvalues and the one nearest zero.
+
+        Of a closure without an energy, whose second variation is not symmetric, real parts count.
+
+        Args:
+            state: Equilibrium.
+            t_n: Its normalised time.
+        """
         found = {}
-        for m in self.wavenumbers:
-            basis = self.basis(m, pinned=True)
-            found[m] = (
-                np.argmax(basis == 1.0, axis=0),
-                [(int(np.argmax(basis[:, j] == 1.0)), int(i)) for i, j in np.argwhere(basis == -1)],
+        for m, cells in self.cell_matrices(state, t_n).items():
+            self._pinned[m].set(cells)
+            values, _ = self._nearest(state, m, cells, 1)
+            found[m] = Spectrum(
+                self._pinned[m].negative(), float(values[0]) if len(values) else np.nan
             )
         return found
 
-    def modes(self, state: MeridianState, t_n: float, m: int, count: int = 4) -> list[Mode]:
-        """Return the lowest modes of a wavenumber, rigid motions taken out.
+    def _nearest(
+        self, state: MeridianState, m: int, cells: Array, count: int
+    ) -> tuple[Array, Array]:
+        """Return eigenvalues nearest to zero, rigid motions left out, and their vectors."""
+        pencil = self._pencils[m]
+        pencil.set(cells)
+        rigid = [pencil.motions.free(row) for row in self.rigid_motions(state, m)]
+        return pencil.nearest(count, rigid)
+
+    def eigenvalue(self, state: MeridianState, t_n: float, m: int, index: int) -> float:
+        """Return the eigenvalue of place ``index``, of a sign that agrees with the count.
+
+        Its size has no meaning in m = 0 and 1, where unknowns are held against rigid motions.
+
+        Raises:
+            OpticCupError: It is not found.
+        """
+        pencil = self._pinned[m]
+        pencil.set(self.cell_matrices(state, t_n)[m])
+        return pencil.eigenvalue(index)
+
+    def modes(self, state: MeridianState, t_n: float, m: int, count: int = 1) -> list[Mode]:
+        """Return the modes of a wavenumber whose eigenvalues are nearest to zero, in their order.
 
         Args:
             state: Equilibrium.
             t_n: Its normalised time.
             m: One of the wavenumbers.
-            count: Number of modes.
+            count: Number of modes; rigid motions are none of them.
+
+        Raises:
+            OpticCupError: Not so many are found.
         """
-        basis = self.basis(m)
-        mass = basis.T @ self.mass @ basis * (1.0 if m == 0 else 0.5)
-        matrix = basis.T @ self.matrices(state, t_n)[m] @ basis
-        rigid = np.linalg.lstsq(basis, self.rigid_motions(state, m).T, rcond=None)[0]
-        if rigid.size:
-            # shift them out of the way: H + far (M Q)(M Q)^T with Q orthonormal in M
-            gram = np.linalg.cholesky(rigid.T @ mass @ rigid)
-            image = mass @ np.linalg.solve(gram, rigid.T).T
-            matrix = matrix + FAR * image @ image.T
-        if self.shell.has_energy:
-            values, vectors = linalg.eigh(matrix, mass, subset_by_index=[0, count - 1])
-        else:
-            values, vectors = linalg.eig(matrix, mass)
-            lowest = np.argsort(values.real)[:count]
-            values, vectors = values.real[lowest], vectors.real[:, lowest]
-        return [self._mode(m, value, basis @ vectors[:, i]) for i, value in enumerate(values)]
+        values, vectors = self._nearest(state, m, self.cell_matrices(state, t_n)[m], count)
+        if len(values) < count:
+            raise OpticCupError(f"SLEPc finds {len(values)} of {count} modes in m = {m}")
+        return [self._mode(m, value, vectors[:, i]) for i, value in enumerate(values)]
 
     def _mode(self, m: int, eigenvalue: float, vector: Array) -> Mode:
         u = vector[: 3 * self.mesh.n_nodes].reshape(-1, 3)
         scale = u.ravel()[np.argmax(np.abs(u))]
         rotation = vector[3 * self.mesh.n_nodes :]
         return Mode(m, float(eigenvalue), u / scale, rotation / scale)
-
-
-def count_negative(matrix: Array) -> int:
-    """Return the number of negative eigenvalues of a symmetric matrix, by its L D L^T factor."""
-    factor, pivots, info = linalg.lapack.dsytrf(matrix, lower=1)
-    if info < 0:
-        raise ValueError(f"argument {-info} of dsytrf is not valid")
-    paired = pivots < 0
-    single = np.diag(factor)[~paired]
-    # every 2 x 2 pivot of the Bunch-Kaufman factor is indefinite
-    return int(np.sum(single < 0)) + int(np.sum(paired)) // 2

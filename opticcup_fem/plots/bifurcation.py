@@ -60,9 +60,7 @@ def _draw_panel(
         line = "-" if kind else (0, (3, 1.5))
         colour = style.CURVES[0] if kind else style.CURVES[1]
         axes.plot(part["t_n"], part[name], linestyle=line, color=colour, label=label)
-    for one in events:
-        if "arc_length" not in one:
-            continue
+    for number, one in enumerate(_on_path(events), start=1):
         marker, label = style.EVENT_MARKERS[one["kind"]]
         wave = f", m = {one['wavenumber']}" if "wavenumber" in one else ""
         value = float(np.interp(one["arc_length"], path["arc_length"], path[name]))
@@ -75,12 +73,44 @@ def _draw_panel(
             markerfacecolor="white",
             markeredgecolor=style.INK,
             zorder=5,
-            label=f"{label} ({one['type']}{wave}), $t_n$ = {one['t_n']:.4f}",
+            clip_on=False,
+            label=f"{number}  {label} ({one['type']}{wave}), $t_n$ = {one['t_n']:.4f}",
         )
+        # neighbours have their numbers on different sides
+        side = 1 if number % 2 else -1
+        axes.annotate(
+            str(number),
+            (one["t_n"], value),
+            (6 * side, 8 * side),
+            textcoords="offset points",
+            ha="left" if side > 0 else "right",
+            va="center",
+            fontsize=8,
+            zorder=6,
+        )
+    _scale_time(axes, path["t_n"].to_numpy())
     axes.set_xlabel(style.SYMBOLS["t_n"])
     axes.set_ylabel(style.SYMBOLS[name])
-    axes.set_xlim(left=0.0)
     axes.grid(color="#e6e6e6", linewidth=0.6)
+
+
+def _on_path(events: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return the events that have a place on the path, in its order."""
+    placed = [one for one in events if "arc_length" in one]
+    return sorted(placed, key=lambda one: float(one["arc_length"]))
+
+
+def _scale_time(axes: Axes, t_n: NDArray[np.float64]) -> None:
+    """Scale t_n by its root: the many events of slender cups come early."""
+    axes.set_xscale(
+        "function",
+        functions=(lambda t: np.sign(t) * np.sqrt(np.abs(t)), lambda x: np.sign(x) * x**2),
+    )
+    low, high = min(0.0, float(t_n.min())), float(t_n.max())
+    axes.set_xlim(low, high)
+    marks = np.array([-0.1, -0.05, 0.0, 0.01, 0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0])
+    shown = marks[(marks >= low) & (marks <= high)]
+    axes.set_xticks(shown, [f"{t:g}" for t in shown])
 
 
 def _runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -9,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from opticcup_fem.shell import closures, fibres
+from opticcup_fem.shell.fibres import GrowthState
 from opticcup_fem.shell.model import Shell, ShellState
+from opticcup_fem.shell.section import Section
 from opticcup_fem.snapshot import NODES, Snapshot
 
 Array = NDArray[np.float64]
@@ -17,7 +20,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class LayerFields:
-    """Layer means at the nodes of the cells of one region.
+    """Layer means at some points, usually the nodes of the cells of one region.
 
     Attributes:
         thickness_stretch: Mean of lambda_3 through the layer, shape (n_cells, n_nodes).
@@ -43,29 +46,60 @@ def layer_fields(shell: Shell, state: ShellState, region: str) -> dict[str, Laye
         state: The state.
         region: Name of a region.
     """
-    section, growth = shell.sections[region], shell.growth[region]
     cells = shell.region_cells(region)
-    forms = shell.forms_at_points(state)[cells].reshape(-1, 6)
-    a_ref = shell.a_ref[cells].reshape(-1, 3)
-    meridian = _meridian(shell, cells)
-    inv = fibres.invariants(forms, a_ref)
-    stretches = {layer.name: np.zeros(len(forms)) for layer in section.layers}
-    stresses = {layer.name: np.zeros((len(forms), 3)) for layer in section.layers}
-    for fibre in fibres.fibres(section, growth, shell.surface_mesh.surface.curvature):
-        share = fibre.gauss_weight / fibre.layer.thickness
-        s, D, stretch = closures.fibre_state(shell.closure, inv, fibre)
-        metric = forms[:, :3] + s[:, None] * forms[:, 3:]
-        stretches[fibre.layer.name] += share * stretch
-        stresses[fibre.layer.name] += share * _cauchy(fibre, D, stretch, metric, a_ref, meridian)
+    means = layer_means(
+        shell.closure,
+        shell.sections[region],
+        shell.growth[region],
+        shell.forms_at_points(state)[cells].reshape(-1, 6),
+        shell.a_ref[cells].reshape(-1, 3),
+        shell.surface_mesh.surface.curvature,
+        _meridian(shell, cells),
+    )
     to_nodes = _quadratic_fit(shell)
     shape = (len(cells), to_nodes.shape[1])
     return {
         name: LayerFields(
-            stretches[name].reshape(shape) @ to_nodes.T,
-            np.einsum("nq,cqi->cni", to_nodes, stresses[name].reshape(*shape, 3)),
+            mean.thickness_stretch.reshape(shape) @ to_nodes.T,
+            np.einsum("nq,cqi->cni", to_nodes, mean.stress.reshape(*shape, 3)),
         )
-        for name in stretches
+        for name, mean in means.items()
     }
+
+
+def layer_means(
+    closure: str,
+    section: Section,
+    growth: Sequence[GrowthState],
+    forms: Array,
+    a_ref: Array,
+    k_ref: float,
+    meridian: Array,
+) -> dict[str, LayerFields]:
+    """Return the layers' means through the thickness at points.
+
+    Args:
+        closure: A key of ``closures.CLOSURES``.
+        section: The layers.
+        growth: Growth of each layer, innermost first.
+        forms: Fundamental forms (a, b), each (11, 22, 12), shape (n, 6).
+        a_ref: Reference metric (11, 22, 12), shape (n, 3).
+        k_ref: Number k with ``b_ref = k a_ref`` [1/length].
+        meridian: Contravariant components of the first direction of stress, shape (n, 2).
+
+    Returns:
+        For each layer fields of shapes (n,) and (n, 3).
+    """
+    inv = fibres.invariants(forms, a_ref)
+    stretches = {layer.name: np.zeros(len(forms)) for layer in section.layers}
+    stresses = {layer.name: np.zeros((len(forms), 3)) for layer in section.layers}
+    for fibre in fibres.fibres(section, growth, k_ref):
+        share = fibre.gauss_weight / fibre.layer.thickness
+        s, D, stretch = closures.fibre_state(closure, inv, fibre)
+        metric = forms[:, :3] + s[:, None] * forms[:, 3:]
+        stretches[fibre.layer.name] += share * stretch
+        stresses[fibre.layer.name] += share * _cauchy(fibre, D, stretch, metric, a_ref, meridian)
+    return {name: LayerFields(stretches[name], stresses[name]) for name in stretches}
 
 
 def _quadratic_fit(shell: Shell) -> Array:
@@ -183,6 +217,21 @@ def capture(shell: Shell, state: ShellState, t_n: float) -> Snapshot | None:
     )
     gathered = shell.comm.gather(mine)
     return None if gathered is None else _joined(shell, gathered, t_n)
+
+
+def gather_nodes(shell: Shell, values: Array) -> Array | None:
+    """Return nodal values of all ranks in the order of a snapshot's nodes (collective).
+
+    Args:
+        shell: The shell.
+        values: Shape (n_nodes, ...), local nodes.
+
+    Returns:
+        Shape (n_global_nodes, ...) on rank 0, None elsewhere.
+    """
+    owned = shell.spaces.position.dofmap.index_map.size_local
+    parts = shell.comm.gather(values[:owned])
+    return None if parts is None else np.concatenate(parts)
 
 
 class _Part(NamedTuple):

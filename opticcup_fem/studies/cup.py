@@ -7,6 +7,7 @@ from pathlib import Path
 from mpi4py import MPI
 
 from opticcup_fem.case import Case
+from opticcup_fem.case.checks import require_cup
 from opticcup_fem.equilibrium.path import PathPoint
 from opticcup_fem.errors import ClosureBreakdown, OpticCupError
 from opticcup_fem.shell.model import Shell
@@ -29,9 +30,10 @@ def run(
         comm: MPI communicator, all ranks by default.
 
     Raises:
-        CaseError: The folder cannot be written.
+        CaseError: The shape is not a cup, or the folder cannot be written.
         MeshError: The cup cannot be meshed as the case asks.
     """
+    require_cup(case, 'run.model = "surface" is')
     comm = comm or MPI.COMM_WORLD
     progress = Progress(case.run.t_end, shown=comm.rank == 0 and not quiet)
     recorder = on_root(comm, lambda: Recorder(case, out_dir, progress))

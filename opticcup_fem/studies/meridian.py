@@ -21,7 +21,8 @@ from opticcup_fem.meridian.layers import sections
 from opticcup_fem.meridian.mesh import Grading, MeridianMesh
 from opticcup_fem.meridian.observables import CupObserver
 from opticcup_fem.meridian.path import MeridianPath, MeridianPoint
-from opticcup_fem.meridian.profile import ClosedSphere
+from opticcup_fem.meridian.profile import ClosedSphere, Disc, OpenCap, Profile
+from opticcup_fem.meridian.revolution import SEGMENTS, Revolution
 from opticcup_fem.meridian.shell import MeridianShell
 from opticcup_fem.meridian.waves import Waves
 from opticcup_fem.records import AZIMUTHS, RunFolder
@@ -34,14 +35,32 @@ from opticcup_fem.versions import versions
 
 
 def grading_of(case: Case) -> Grading:
-    """Return cells that resolve the bending length sqrt(R h): 0.3 of it, and 0.1 R at most."""
-    return Grading(largest=min(0.1, 0.3 * case.shape.thickness**0.5))
+    """Return cells that resolve the bending length sqrt(R h): 0.3 of it, and 0.1 R at most.
+
+    An open cap has ten cells or more, however small it is.
+    """
+    largest = min(0.1, 0.3 * case.shape.thickness**0.5)
+    if case.shape.kind == "cap":
+        largest = min(largest, case.shape.opening_angle / 10)
+    return Grading(largest, at_rim=min(0.02, largest / 2))
+
+
+def profile_of(case: Case) -> Profile:
+    """Return the reference meridian of a case, in units of R."""
+    shape = case.shape
+    if shape.kind == "disk":
+        return Disc()
+    kind = OpenCap if shape.kind == "cap" else ClosedSphere
+    return kind(shape.opening_angle)
 
 
 def shell_of(case: Case) -> MeridianShell:
     """Return the axisymmetric shell of a case."""
-    mesh = MeridianMesh(ClosedSphere(case.shape.opening_angle), grading_of(case))
-    return MeridianShell(mesh, sections_of(case), growth_of(case), case.material.closure)
+    mesh, sections = MeridianMesh(profile_of(case), grading_of(case)), sections_of(case)
+    laws = growth_of(case)
+    return MeridianShell(
+        mesh, {name: sections[name] for name in mesh.region}, laws, case.material.closure
+    )
 
 
 def path_of(case: Case) -> MeridianPath:
@@ -121,6 +140,7 @@ class MeridianRecorder:
         """Take the path whose points will come."""
         self.path, self.shell = path, path.problem.shell
         self._observer = CupObserver(self.shell)
+        self._revolution = Revolution(self.shell)
 
     def accept(self, point: MeridianPoint) -> None:
         """Record a point; from the first that crosses itself on, no cup follows the path."""
@@ -147,6 +167,8 @@ class MeridianRecorder:
         self.rows.append(row)
         self.points.append(point)
         due = any(abs(point.t_n - t) < 1e-12 for t in self.case.output.times)
+        if point.followed and due and self.case.output.fields:
+            self.folder.write_fields(self._revolution.snapshot(point.state, point.t_n))
         if point.followed and (due or point.jump or point.path.is_fold):
             where = [float(phi) for phi in azimuths(AZIMUTHS)]
             self.folder.append_sections(
@@ -223,11 +245,12 @@ class MeridianRecorder:
             "limit_point": point.path.is_fold,
             "self_crossing": crosses,
             "arc_length": point.path.arc,
-            **{f"negative_m{m}": count for m, count in point.negative.items()},
+            **{f"negative_m{m}": one.negative for m, one in point.spectra.items()},
+            **{f"eigenvalue_m{m}": one.nearest for m, one in point.spectra.items()},
         }
 
     def _write_modes(self, found: list[Crossing]) -> None:
-        """Write modes.npz: for each crossing the state and the critical mode at the nodes."""
+        """Write for each crossing the state and the critical mode, as curves and in space."""
         self.folder.write_modes(
             t_n=np.array([one.t_n for one in found]),
             wavenumber=np.array([one.wavenumber for one in found]),
@@ -238,3 +261,10 @@ class MeridianRecorder:
             position=np.array([one.state.r for one in found]),
             amplitude=np.array([one.mode.u for one in found]),
         )
+        if self.case.output.fields:
+            for one in found:
+                # nine nodes and more on a wave
+                surface = Revolution(self.shell, max(SEGMENTS, 3 * one.wavenumber))
+                self.folder.write_mode_fields(
+                    surface.snapshot(one.state, one.t_n), surface.wave(one.mode.u, one.wavenumber)
+                )

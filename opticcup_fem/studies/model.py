@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import math
+
 from mpi4py import MPI
 
 from opticcup_fem.case import Case
+from opticcup_fem.equilibrium.axisymmetric import AxisymmetricStepping
 from opticcup_fem.equilibrium.jumps import make_relaxation
 from opticcup_fem.equilibrium.newton import MixedNewton
-from opticcup_fem.equilibrium.path import LoadStepping, StepControl
+from opticcup_fem.equilibrium.path import LoadStepping
 from opticcup_fem.equilibrium.problem import Problem
-from opticcup_fem.mesh import SurfaceMesh, cup_mesh
+from opticcup_fem.equilibrium.steps import StepControl
+from opticcup_fem.mesh import SurfaceMesh, cup_mesh, disk_mesh, open_cap_mesh
 from opticcup_fem.shell.growth import GrowthLaw, LinearGrowth
 from opticcup_fem.shell.model import Shell
 from opticcup_fem.shell.section import Layer, Section
 from opticcup_fem.shell.supports import rigid_modes_of_cup
+from opticcup_fem.studies.stability import critical_points_of
 
 
 def sections_of(case: Case) -> dict[str, Section]:
@@ -35,8 +40,15 @@ def growth_of(case: Case) -> dict[str, GrowthLaw]:
 
 
 def mesh_of(case: Case, comm: MPI.Comm) -> SurfaceMesh:
-    """Mesh the cup of a case (collective)."""
-    mesh = case.mesh
+    """Mesh the shape of a case (collective)."""
+    mesh, kind = case.mesh, case.shape.kind
+    if kind != "cup":
+        sizes = (mesh.cell_size_cap, mesh.cell_size_interface, mesh.seed, comm)
+        return (
+            disk_mesh(1.0, *sizes)
+            if kind == "disk"
+            else open_cap_mesh(case.shape.opening_angle, *sizes)
+        )
     return cup_mesh(
         case.shape.opening_angle,
         mesh.cell_size_cap,
@@ -56,7 +68,10 @@ def stepping_of(case: Case, shell: Shell) -> LoadStepping:
     """Return the load stepping of a case (collective)."""
     solver = case.solver
     problem = Problem(shell, rigid_modes_of_cup(shell))
-    newton = MixedNewton(problem, solver.tolerance, solver.max_iterations)
+    axisymmetric = case.run.follow == "axisymmetric"
+    # beside a bifurcation a good iteration wanders
+    patience = {"wandering": math.inf} if axisymmetric else {}
+    newton = MixedNewton(problem, solver.tolerance, solver.max_iterations, **patience)
     control = StepControl(
         initial=solver.initial_step,
         largest=solver.max_step,
@@ -64,4 +79,6 @@ def stepping_of(case: Case, shell: Shell) -> LoadStepping:
         growth=solver.growth_factor,
         max_move=solver.max_move,
     )
-    return LoadStepping(problem, newton, make_relaxation(problem, newton), control)
+    kind = AxisymmetricStepping if axisymmetric else LoadStepping
+    relaxation = make_relaxation(problem, newton)
+    return kind(problem, newton, relaxation, control, critical_points_of(shell, newton))

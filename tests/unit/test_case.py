@@ -16,7 +16,10 @@ from opticcup_fem.errors import CaseError
 # override, then what the sentence must hold
 WRONG = {
     "unknown key": ("shape.radius=50", ["shape.radius is not a known key", "shape.radius_um"]),
-    "unknown key, nothing close": ("run.colour=1", ["run.colour", "model, max_wavenumber, t_end"]),
+    "unknown key, nothing close": (
+        "run.colour=1",
+        ["run.colour", "model, follow, max_wave"],
+    ),
     "unknown table": ("materials.closure=paper", ["materials is not a known table", "material?"]),
     "negative ratio": ("shape.radius_over_thickness=-5", ["= -5", "at least 2"]),
     "thick ball": ("shape.radius_over_thickness=1.5", ["= 1.5", "at least 2"]),

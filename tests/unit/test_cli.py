@@ -165,6 +165,15 @@ def test_mesh_writes_a_gmsh_file(invoke, tmp_path):
         assert "$PhysicalNames" in (tmp_path / "folder" / "cup.msh").read_text(encoding="utf-8")
 
 
+def test_shapes_without_an_oov_have_meshes_but_no_scaling_laws(invoke):
+    pytest.importorskip("dolfinx", reason="meshing needs dolfinx and Gmsh")
+    disk = ["--set", "shape.kind=disk", "--set", "mesh.cell_size_interface=0.3"]
+    assert "rim" in invoke("mesh", CHICK, *disk, "--out", "disk.msh").stdout
+    result = invoke("theory", CHICK, *disk)
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert 'shape.kind = "disk" is not possible: the scaling laws are for' in result.stderr
+
+
 def test_version_and_help(invoke):
     assert invoke("--version").stdout == f"opticcup_fem {__version__}\n"
     for arguments in (["--help"], ["run", "--help"], ["theory", "--help"], ["mesh", "--help"]):

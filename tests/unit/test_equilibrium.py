@@ -16,9 +16,10 @@ import pytest
 
 from opticcup_fem.equilibrium.mass import lumped_mass
 from opticcup_fem.equilibrium.newton import Drag, MixedNewton
-from opticcup_fem.equilibrium.path import LoadStepping, PathPoint, StepControl, _Course, _History
+from opticcup_fem.equilibrium.path import LoadStepping, PathPoint
 from opticcup_fem.equilibrium.problem import Problem
 from opticcup_fem.equilibrium.relaxation import EnergyDescent
+from opticcup_fem.equilibrium.steps import Course, History, StepControl
 from opticcup_fem.equilibrium.viscous import ViscousRelaxation
 from opticcup_fem.shell.model import Shell, ShellState
 from opticcup_fem.shell.supports import free, rigid_modes_of_cup
@@ -172,7 +173,7 @@ def test_path_back_in_time_retraces_itself(
 
 def test_next_time_leaves_no_sliver() -> None:
     """A step that would stop just before a landing goes half way; one that passes it, lands."""
-    course = _Course(0.0, 1.0, [0.1])
+    course = Course(0.0, 1.0, [0.1])
     assert course.next(0.0, 0.2) == (0.1, 0.1)
     assert course.next(0.0, 0.09) == (0.05, 0.05)
     assert course.next(0.1, 0.2) == (pytest.approx(0.3), 0.2)
@@ -180,7 +181,7 @@ def test_next_time_leaves_no_sliver() -> None:
 
 
 def test_course_back_in_time_lands_too() -> None:
-    course = _Course(0.3, 0.0, [0.1, 0.5])
+    course = Course(0.3, 0.0, [0.1, 0.5])
     assert course.sign == -1
     assert course.next(0.3, 0.12) == (pytest.approx(0.18), 0.12)
     assert course.next(0.12, 0.05) == (0.1, pytest.approx(0.02))
@@ -192,13 +193,12 @@ def test_history_foresees_a_fold(problem: Problem, equilibrium: ShellState) -> N
     direction = np.zeros_like(equilibrium.r)
     direction[:, 2] = 1.0
 
-    def moved(s: float) -> PathPoint:
-        state = replace(equilibrium, r=equilibrium.r + s * direction)
-        return PathPoint(1 - (1 - s) ** 2, state, False, 0, 0, 0.0, 0.0)
+    def moved(s: float) -> tuple[float, ShellState]:
+        return 1 - (1 - s) ** 2, replace(equilibrium, r=equilibrium.r + s * direction)
 
-    history = _History(problem, 1.0, moved(0.4))
-    history.add(moved(0.6))
-    history.add(moved(0.7))
+    history = History(problem, Course(0.0, 1.0, []), *moved(0.4))
+    history.add(*moved(0.6))
+    history.add(*moved(0.7))
     assert history.limited(1.0, 1e-6) == pytest.approx(0.8 * 0.09, rel=1e-6)
     assert history.limited(0.01, 1e-6) == 0.01
     assert history.limited(1.0, 0.5) == 0.5

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
+import meshio
 import numpy as np
 import pandas as pd
 import pytest
 
 from opticcup_fem.case import Case, parse_case
+from opticcup_fem.errors import CaseError
 from opticcup_fem.meridian.contact import crossing_of, self_crossing
 from opticcup_fem.records import read_events, read_path, read_sections
-from opticcup_fem.studies import meridian
+from opticcup_fem.studies import cup, meridian, verify
 from tests.support.meridians import PROFILES, shell_on
 
 
@@ -93,6 +96,52 @@ def test_events_sections_modes_and_pictures(folder: Path) -> None:
         np.testing.assert_allclose(np.abs(modes["amplitude"]).max(axis=(1, 2)), 1.0)
     for picture in ("summary.png", "bifurcation.png"):
         assert (folder / picture).stat().st_size > 10_000
+
+
+def test_fields_of_every_output_time_and_of_the_critical_modes(folder: Path) -> None:
+    for collection, count in (("fields.pvd", 3), ("modes.pvd", 2)):
+        files = re.findall(r'timestep="([^"]+)".*file="([^"]+)"', (folder / collection).read_text())
+        assert len(files) == count
+        for t_n, name in files:
+            grid = meshio.read(folder / name)
+            assert ("mode" in grid.point_data) == (collection == "modes.pvd")
+            if collection == "fields.pvd":
+                (row,) = read_path(folder).query(f"followed and t_n == {t_n}").itertuples()
+                z = grid.points[:, 2]
+                assert np.ptp(z[np.hypot(*grid.points[:, :2].T) < 1e-12]) == pytest.approx(
+                    row.apex_height_over_R, rel=1e-9
+                )
+
+
+def test_eigenvalues_have_the_sign_of_the_counts(rows: pd.DataFrame) -> None:
+    """The one nearest to zero is positive where none is negative."""
+    for m in range(3):
+        nearest, stable = rows[f"eigenvalue_m{m}"], rows[f"negative_m{m}"] == 0
+        assert np.all(nearest[stable & ~rows.limit_point] > 0)
+        assert (nearest < 0).any() == (~stable & ~rows.limit_point).any()
+
+
+@pytest.mark.parametrize(("kind", "t_end"), [("cap", 0.01), ("disk", 0.005)])
+def test_open_shapes_run_on_the_meridian_alone(kind: str, t_end: float, tmp_path: Path) -> None:
+    """R/h = 10: the disk leaves axisymmetry at t_n = 0.0046, the cap at 0.039."""
+    case = parse_case(
+        {
+            "shape": {"kind": kind, "radius_over_thickness": 10.0},
+            "run": {"model": "meridian", "t_end": t_end, "max_wavenumber": 2},
+            "output": {"times": [t_end], "picture": False},
+        }
+    )
+    summary = meridian.run(case, tmp_path, quiet=True)
+    assert summary.ok
+    last = read_path(tmp_path).iloc[-1]
+    assert last.t_n == t_end
+    assert last.stable == (kind == "cap")
+    # the cap loses depth, the disk's rim rises
+    assert last.depth_over_R == 0.0 if kind == "cap" else last.depth_over_R > 0.1
+    assert not [one for one in summary.events if "invagination" in one["kind"]]
+    for study in (cup.run, verify.run):
+        with pytest.raises(CaseError, match=rf'shape.kind = "{kind}" is not possible'):
+            study(case, tmp_path / "other", quiet=True)
 
 
 def test_a_curve_that_crosses_itself_is_seen() -> None:
