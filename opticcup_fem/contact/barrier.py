@@ -19,6 +19,7 @@ from scipy import sparse
 from opticcup_fem.contact.surface import ContactSurface
 from opticcup_fem.snapshot import Floats
 
+
 class Barrier:
     """Contact potential of a surface's vertices; serial, one thread, so that runs repeat.
 

@@ -139,7 +139,9 @@ class EnergyDescent:
     def _renewed(self, state: ShellState) -> tuple[ShellState, bool]:
         """Return a state with up-to-date faces, and whether it needs no further step."""
         contact = self.problem.contact
-        return (state, True) if contact is None or not self.problem.awake else contact.renewed(state)
+        return (
+            (state, True) if contact is None or not self.problem.awake else contact.renewed(state)
+        )
 
     def _moved(
         self, before: ShellState, after: ShellState, energy: float
