@@ -17,7 +17,7 @@ from opticcup_fem.mesh import SurfaceMesh, cup_mesh, disk_mesh, open_cap_mesh
 from opticcup_fem.shell.growth import GrowthLaw, LinearGrowth
 from opticcup_fem.shell.model import Shell
 from opticcup_fem.shell.section import Layer, Section
-from opticcup_fem.shell.supports import rigid_modes_of_cup
+from opticcup_fem.shell.supports import free, rigid_modes_of_cup
 from opticcup_fem.studies.contact import contact_of
 from opticcup_fem.studies.stability import critical_points_of
 
@@ -68,7 +68,10 @@ def shell_of(case: Case, comm: MPI.Comm) -> Shell:
 def stepping_of(case: Case, shell: Shell) -> LoadStepping:
     """Return the load stepping of a case (collective)."""
     solver = case.solver
-    problem = Problem(shell, rigid_modes_of_cup(shell), contact_of(case, shell))
+    contact = contact_of(case, shell)
+    beside_obstacles = contact is not None and contact.has_obstacles
+    held = free(shell) if beside_obstacles else rigid_modes_of_cup(shell)
+    problem = Problem(shell, held, contact)
     axisymmetric = case.run.follow == "axisymmetric"
     # beside a bifurcation a good iteration wanders
     patience = {"wandering": math.inf} if axisymmetric else {}
