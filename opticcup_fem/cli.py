@@ -7,10 +7,7 @@ from __future__ import annotations
 
 import os
 import sys
-import tempfile
-import traceback
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -18,13 +15,21 @@ import click
 import typer
 
 import opticcup_fem
-from opticcup_fem.errors import CaseError, MeshError, OpticCupError
+from opticcup_fem import cli_pictures, cli_studies
+from opticcup_fem.cli_tools import (
+    FAILED_RUN,
+    abort_all_ranks_on_a_bug,
+    errors_as_one_line,
+    one_error_for_all_ranks,
+    prepare_folder,
+    rank,
+    say,
+)
+from opticcup_fem.errors import CaseError
 
 if TYPE_CHECKING:
     from opticcup_fem.case import Case
     from opticcup_fem.studies.outcome import RunSummary
-
-FAILED_RUN, BAD_INPUT = 1, 2
 
 app = typer.Typer(
     name="opticcup",
@@ -35,6 +40,11 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
+
+STUDIES = (cli_studies.sweep, cli_studies.reproduce, cli_studies.predict)
+PICTURES = (cli_pictures.movie, cli_pictures.view, cli_pictures.pair)
+for command in (*STUDIES, *PICTURES):
+    app.command()(command)
 
 CasePath = Annotated[Path, typer.Argument(metavar="CASE.toml", hidden=True)]
 Overrides = Annotated[
@@ -53,7 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     Args:
         arguments: Arguments after the program's name; those of the process by default.
     """
-    first_rank = _rank() == 0
+    first_rank = rank() == 0
     if not first_rank:
         # Also the help and the version are printed once.
         sys.stdout = open(os.devnull, "w", encoding="utf-8")
@@ -96,16 +106,16 @@ def run(
 
     CASE.toml is the case; every accepted state is written to the run folder as it is computed.
     """
-    with _errors_as_one_line():
+    with errors_as_one_line():
         overrides = [*set_, *([f"run.model={model}"] if model is not None else [])]
         folder = Path("results") / case_path.stem if out is None else out
-        with _one_error_for_all_ranks():
+        with one_error_for_all_ranks():
             case = _load(case_path, overrides)
-            _prepare_folder(folder)
-        with _abort_all_ranks_on_a_bug():
+            prepare_folder(folder)
+        with abort_all_ranks_on_a_bug():
             grow = _study(case.run.model)
             summary = grow(case, folder, quiet=quiet or not sys.stderr.isatty())
-        _say(summary.message, err=not summary.ok)
+        say(summary.message, err=not summary.ok)
         if not summary.ok:
             raise typer.Exit(FAILED_RUN)
 
@@ -121,16 +131,16 @@ def verify(
     quiet: Annotated[bool, typer.Option("--quiet", help="No progress, only the outcome.")] = False,
 ) -> None:
     """Run a case on the surface and on the meridian model; print and plot their differences."""
-    with _errors_as_one_line():
+    with errors_as_one_line():
         folder = Path("results") / f"verify-{case_path.stem}" if out is None else out
-        with _one_error_for_all_ranks():
+        with one_error_for_all_ranks():
             case = _load(case_path, set_)
-            _prepare_folder(folder)
-        with _abort_all_ranks_on_a_bug():
+            prepare_folder(folder)
+        with abort_all_ranks_on_a_bug():
             from opticcup_fem.studies import verify as study
 
             outcome = study.run(case, folder, quiet=quiet or not sys.stderr.isatty())
-        _say(outcome.message, err=not outcome.ok)
+        say(outcome.message, err=not outcome.ok)
         if not outcome.ok:
             raise typer.Exit(FAILED_RUN)
 
@@ -142,15 +152,15 @@ def theory(case_path: CasePath, set_: Overrides = []) -> None:
     The natural curvature of the cap over time, the critical values and times of the events, and
     whether the cup becomes normal or abnormal.
     """
-    with _errors_as_one_line():
-        with _one_error_for_all_ranks():
+    with errors_as_one_line():
+        with one_error_for_all_ranks():
             case = _load(case_path, set_)
             from opticcup_fem.case.checks import require_cup
 
             require_cup(case, "the scaling laws are")
         from opticcup_fem.theory import prediction_report
 
-        _say(prediction_report(case))
+        say(prediction_report(case))
 
 
 @app.command()
@@ -166,23 +176,23 @@ def mesh(
 
     Physical groups: cap, oov, interface, or cap or disk, rim. Lengths are in units of R.
     """
-    with _errors_as_one_line():
+    with errors_as_one_line():
         path = Path(f"{case_path.stem}.msh") if out is None else out
-        with _one_error_for_all_ranks():
+        with one_error_for_all_ranks():
             case = _load(case_path, set_)
             if path.suffix != ".msh":
                 raise CaseError(f"{path}: meshes are Gmsh files; give --out a name ending in .msh")
-            _prepare_folder(path.parent)
+            prepare_folder(path.parent)
         from mpi4py import MPI
 
         from opticcup_fem.mesh import write_msh
         from opticcup_fem.studies.model import mesh_of
 
-        with _abort_all_ranks_on_a_bug():
+        with abort_all_ranks_on_a_bug():
             surface_mesh = mesh_of(case, MPI.COMM_WORLD)
             write_msh(surface_mesh, path)
             report = surface_mesh.report()
-        _say(f"{path}: {report}")
+        say(f"{path}: {report}")
 
 
 def _study(model: str) -> Callable[..., RunSummary]:
@@ -200,79 +210,3 @@ def _load(path: Path, overrides: Sequence[str]) -> Case:
     from opticcup_fem.case import load_case
 
     return load_case(path, overrides)
-
-
-def _prepare_folder(folder: Path) -> None:
-    """Make a folder and try to write in it now, not after an hour of computing."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        raise CaseError(
-            f"{folder}: cannot write there ({error.strerror}); give another place with --out"
-        ) from None
-
-
-@contextmanager
-def _errors_as_one_line() -> Iterator[None]:
-    try:
-        yield
-    except OpticCupError as error:
-        _say(f"error: {error}", err=True)
-        bad_input = isinstance(error, CaseError | MeshError)
-        raise typer.Exit(BAD_INPUT if bad_input else FAILED_RUN) from None
-
-
-@contextmanager
-def _one_error_for_all_ranks() -> Iterator[None]:
-    """Raise the first rank's error on every rank: none may wait in a collective for the others."""
-    error: OpticCupError | None = None
-    try:
-        yield
-    except OpticCupError as own:
-        error = own
-    if _is_under_mpi():
-        from mpi4py import MPI
-
-        errors = MPI.COMM_WORLD.allgather(error)
-        error = next((one for one in errors if one is not None), None)
-    if error is not None:
-        raise error
-
-
-@contextmanager
-def _abort_all_ranks_on_a_bug() -> Iterator[None]:
-    """Keep an unforeseen exception on one rank from leaving the others waiting for ever."""
-    try:
-        yield
-    except OpticCupError:
-        raise
-    except Exception:
-        if _is_under_mpi():
-            from mpi4py import MPI
-
-            traceback.print_exc()
-            sys.stderr.flush()
-            MPI.COMM_WORLD.Abort(FAILED_RUN)
-        raise
-
-
-def _say(text: str, err: bool = False) -> None:
-    if _rank() == 0:
-        typer.echo(text, err=err)
-
-
-def _is_under_mpi() -> bool:
-    """Tell whether a launcher of Open MPI, MPICH or Slurm started this process."""
-    return any(name in os.environ for name in ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK"))
-
-
-def _rank() -> int:
-    if not _is_under_mpi():
-        return 0
-    # Starting MPI here also makes every rank wait for the others when it ends: otherwise the
-    # first to exit with an error has the launcher kill the one that is about to print it.
-    from mpi4py import MPI
-
-    return MPI.COMM_WORLD.rank

@@ -101,6 +101,30 @@ def detect_events(
     )
 
 
+def with_limit_points(events: Iterable[Event]) -> list[Event]:
+    """Return the events with each localised limit point in place of the fold that it explains.
+
+    A fall of the apex over a jump takes time, wavenumber and eigenvalues of the limit point inside
+    its ``t_n_range``; limit points that let nothing fall stay events of their own.
+
+    Args:
+        events: Events ordered by t_n.
+    """
+    events = list(events)
+    limits = [one for one in events if one["kind"] == "limit_point"]
+    merged = []
+    for one in events:
+        if one["type"] == "fold" and one["kind"] != "limit_point" and "t_n_range" in one:
+            low, high = one["t_n_range"]
+            inside = next((other for other in limits if low <= other["t_n"] <= high), None)
+            if inside is not None:
+                limits.remove(inside)
+                one = {**one, **inside, "kind": one["kind"]}
+        merged.append(one)
+    kept = [one for one in merged if one["kind"] != "limit_point" or one in limits]
+    return sorted(kept, key=lambda one: float(one["t_n"]))
+
+
 def _interpolated_curvature(rows: Sequence[Row]) -> Callable[[float], float]:
     t_n, first = np.unique([float(row["t_n"]) for row in rows], return_index=True)
     kappa = np.array([float(rows[i]["kappa_cap_R"]) for i in first])

@@ -1,9 +1,10 @@
 """The folder of a run: what is written as it goes, and how it is read again.
 
 ``case.toml`` the resolved case; ``path.csv`` one row a state; ``events.json``; ``fields.pvd`` and
-``fields/`` for ParaView; ``sections.npz`` meridian sections; pictures made from these.  The
-meridian model adds its critical modes, ``modes.npz`` and ``modes.pvd``.  Whenever a run is cut
-short, the files in its folder are complete up to there.
+``fields/`` for ParaView; ``states/`` every state that a cup takes (`opticcup_fem.states`);
+``sections.npz`` meridian sections; pictures made from these.  Critical modes: ``modes.pvd``, and as
+arrays ``modes.npz`` of the meridian model, ``critical.npz`` of the surface model.  Whenever a run
+is cut short, the files in its folder are complete up to there.
 """
 
 import csv
@@ -23,6 +24,7 @@ from opticcup_fem.fields import replace_text, write_collection, write_fields
 from opticcup_fem.sampling import azimuths
 from opticcup_fem.sections import Meridians, Section, SectionPart
 from opticcup_fem.snapshot import Snapshot
+from opticcup_fem.states import STATES, StateWriter, clear_states
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -31,6 +33,8 @@ CASE, PATH, EVENTS = "case.toml", "path.csv", "events.json"
 SECTIONS, COLLECTION, FIELDS = "sections.npz", "fields.pvd", "fields"
 SUMMARY, COMPARISON, SOLID = "summary.png", "comparison.png", "cup.png"
 BIFURCATION, MODES, MODE_COLLECTION = "bifurcation.png", "modes.npz", "modes.pvd"
+CRITICAL, CRITICAL_PICTURE = "critical.npz", "critical.png"
+MOVIE, VIEW = "movie.mp4", "view.html"
 
 AZIMUTHS = 8
 """Meridian sections of each state: four planes through the axis."""
@@ -71,6 +75,7 @@ class RunFolder:
         self._mode_fields: list[tuple[float, str]] = []
         self._sections: list[tuple[float, tuple[Section, ...]]] = []
         self._meridians: Meridians | None = None
+        self.write_state = StateWriter(self.path / STATES)
         self.write_events([])
 
     def __enter__(self) -> Self:
@@ -92,11 +97,13 @@ class RunFolder:
 
     def _clear(self) -> None:
         """Delete an earlier run's records."""
-        pictures = (SUMMARY, COMPARISON, SOLID, BIFURCATION)
-        names = (CASE, PATH, EVENTS, SECTIONS, COLLECTION, MODES, MODE_COLLECTION, *pictures)
+        pictures = (SUMMARY, COMPARISON, SOLID, BIFURCATION, CRITICAL_PICTURE, MOVIE, VIEW)
+        modes = (MODES, MODE_COLLECTION, CRITICAL)
+        names = (CASE, PATH, EVENTS, SECTIONS, COLLECTION, *modes, *pictures)
         earlier = [self.path / name for name in names]
         for file in [*earlier, *(self.path / FIELDS).glob("*.vtu")]:
             file.unlink(missing_ok=True)
+        clear_states(self.path / STATES)
 
     def append(self, row: Mapping[str, Any]) -> None:
         """Append one row to path.csv and flush it.
@@ -152,6 +159,10 @@ class RunFolder:
     def write_modes(self, **arrays: NDArray[Any]) -> None:
         """Replace modes.npz, the critical modes of an axisymmetric path."""
         self._write_arrays(MODES, arrays)
+
+    def write_critical(self, **arrays: NDArray[Any]) -> None:
+        """Replace critical.npz, the critical modes of a surface run."""
+        self._write_arrays(CRITICAL, arrays)
 
     def _write_arrays(self, name: str, arrays: Mapping[str, NDArray[Any]]) -> None:
         unfinished = self.path / f".{name}"

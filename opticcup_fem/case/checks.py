@@ -48,6 +48,24 @@ def require_cup(case: Case, what: str) -> None:
         )
 
 
+def require_perfect(case: Case, what: str) -> None:
+    """Refuse a case with an imperfection.
+
+    Args:
+        case: The case.
+        what: What is for perfect shells only, as the subject of a sentence.
+
+    Raises:
+        CaseError: The shell has an imperfection.
+    """
+    amplitude = case.imperfection.amplitude
+    if amplitude:
+        raise CaseError(
+            f"imperfection.amplitude = {amplitude:g} is not possible: {what} for the perfect shell "
+            'only; take 0, or run.model = "surface" in a run'
+        )
+
+
 def _reject(key: str, value: object, allowed: str) -> None:
     raise ValueError(f"{key} = {show(value)} is not possible: {allowed}")
 
@@ -75,6 +93,13 @@ def _check_closure_takes_poisson(case: Case) -> None:
             "the closed-form closure is ill-posed from 0.48 on; take a smaller value or another "
             "material.closure",
         )
+    if material.closure == "paper" and material.poisson_ratio == 0.5:
+        _reject(
+            "material.poisson_ratio",
+            material.poisson_ratio,
+            "the incompressible limit is that of the closures layer-stretch and condensed; take a "
+            "smaller value or one of these",
+        )
 
 
 def _check_growth_stays_positive(case: Case) -> None:
@@ -87,6 +112,23 @@ def _check_growth_stays_positive(case: Case) -> None:
                 f"the growth factor 1 + rate t_n must stay positive up to run.t_end = "
                 f"{case.run.t_end:g}; take a rate above {-1 / case.run.t_end:g}",
             )
+
+
+def _check_imperfection(case: Case) -> None:
+    imperfection = case.imperfection
+    if imperfection.wavenumber == 1:
+        _reject(
+            "imperfection.wavenumber",
+            1,
+            "a wave of m = 1 is hardly more than a shift of the shell; take 2 or more, or 0 for a "
+            "random mixture",
+        )
+    if imperfection.amplitude and case.run.follow != "stable":
+        _reject(
+            "imperfection.amplitude",
+            imperfection.amplitude,
+            'an imperfect shell has no axisymmetric states; take 0, or run.follow = "stable"',
+        )
 
 
 def _check_mesh_resolves_the_shape(case: Case) -> None:
@@ -161,8 +203,15 @@ def _check_contact(case: Case) -> None:
     contact, run = case.contact, case.run
     if contact.mode == "resist" and run.model == "meridian":
         _reject("contact.mode", contact.mode, 'only run.model = "surface" resists contact')
-    if contact.mode == "resist" and run.follow == "axisymmetric":
+    if contact.mode == "resist" and run.follow != "stable":
         _reject("contact.mode", contact.mode, 'resisting contact needs run.follow = "stable"')
+    if contact.mode == "resist" and case.material.closure in ("paper", "closed-form"):
+        _reject(
+            "contact.mode",
+            contact.mode,
+            f"the closure {case.material.closure} has no energy to which that of contact could be "
+            'added; take material.closure = "layer-stretch"',
+        )
     if contact.mode != "resist" and contact.obstacles:
         _reject(
             "contact.mode", contact.mode, 'obstacles push only with contact.mode = "resist"; set it'
@@ -181,6 +230,7 @@ CROSS_CHECKS = (
     _check_cap_is_a_shell,
     _check_closure_takes_poisson,
     _check_growth_stays_positive,
+    _check_imperfection,
     _check_mesh_resolves_the_shape,
     _check_mesh_is_not_endless,
     _check_steps_are_ordered,

@@ -75,7 +75,9 @@ class Material(_Table):
 
     thickness_ratio: Positive = Field(default=1 / 9, description="m = h_ECM/h_IOV in the cap")
     modulus_ratio: Positive = Field(default=50.0, description="n = mu_ECM/mu_IOV; mu_OOV = mu_IOV")
-    poisson_ratio: float = Field(default=0.45, ge=0, lt=0.5, description="nu of every layer")
+    poisson_ratio: float = Field(
+        default=0.45, ge=0, le=0.5, description="nu of every layer; 0.5 is incompressible, J = 1"
+    )
     closure: Closure = Field(
         default="layer-stretch", description="which lambda_3 feeds the kinematics"
     )
@@ -102,6 +104,18 @@ class Growth(_Table):
         return 1.0 + rate * t_n
 
 
+class Imperfection(_Table):
+    """A deliberate imperfection of the mid-surface, on the surface model."""
+
+    amplitude: float = Field(
+        default=0.0, ge=0, le=2, description="of the radial wave sin^k theta cos(m phi), in h"
+    )
+    wavenumber: int = Field(
+        default=2, ge=0, le=20, description="m, 2 or more; 0: a random mixture of m = 2 .. 8"
+    )
+    seed: int = Field(default=1, ge=0, description="seed of phase and mixture")
+
+
 class Run(_Table):
     """Which discretisation, and how far."""
 
@@ -109,9 +123,16 @@ class Run(_Table):
         default="surface",
         description="discretisation: whole surface, or axisymmetric",
     )
-    follow: Literal["stable", "axisymmetric"] = Field(
+    follow: Literal["stable", "axisymmetric", "branch"] = Field(
         default="stable",
-        description="surface: what a tissue would do, or the axisymmetric states, stable or not",
+        description="surface: what a tissue would do; the axisymmetric states, stable or not; "
+        "these up to the first loss of symmetry and then the branch that leaves them",
+    )
+    switch_wavenumber: int = Field(
+        default=0,
+        ge=0,
+        le=16,
+        description="surface: m of the mode along which a lost symmetry is left; 0, the critical",
     )
     max_wavenumber: int = Field(
         default=8, ge=2, le=40, description="meridian: stability is counted for m = 0 .. this"
@@ -205,6 +226,7 @@ class Output(_Table):
         description="t_n landed on exactly, with fields; default every 0.1 to t_end",
     )
     fields: bool = Field(default=True, description="fields for ParaView at output.times")
+    states: bool = Field(default=True, description="keep every state, for movies and pages")
     picture: bool = Field(default=True, description="write the pictures")
 
 
@@ -218,6 +240,9 @@ class Case(_Table):
     shape: Shape = Field(default=Shape(), description="geometry")
     material: Material = Field(default=Material(), description="layers and closure")
     growth: Growth = Field(default=Growth(), description="growth factors e = 1 + rate t_n")
+    imperfection: Imperfection = Field(
+        default=Imperfection(), description="surface model only: of the mid-surface"
+    )
     run: Run = Field(default=Run(), description="discretisation and last time")
     mesh: Mesh = Field(
         default=Mesh(), validate_default=True, description="surface model only: mesh"

@@ -103,7 +103,8 @@ class AxisymmetricStepping(LoadStepping):
             return super()._leave(history, t_n, attempt, point)
         for leap in LEAPS:
             target = history.ahead(leap * self.control.initial)
-            found = self._attempt(target, history.predict_far(target), point).point
+            guess = history.predict_far(target, self.control.initial)
+            found = self._attempt(target, guess, point).point
             if found is not None:
                 return found
         self.end = PathEnd(t_n, attempt.solution)

@@ -270,9 +270,35 @@ class Continuation:
         if start is None:
             self.ending = Ending(t, 0.0, None)
             return
-        last = self.oriented(start, (np.zeros_like(x), 1.0))
-        before: PathState | None = None
-        yield last
+        first = self.oriented(start, (np.zeros_like(x), 1.0))
+        yield first
+        yield from self.onward(first, t_end, landings, lowest=lowest, longest=longest)
+
+    def start(self, x: Array, t: float, across: Direction) -> PathState | None:
+        """Return the solution near (x, t) on the plane through it normal to ``across``.
+
+        Args:
+            x: Guess of the unknowns, beside a known solution in the direction ``across``.
+            t: Guess of the load.
+            across: Where another branch leads; unit length.
+
+        Returns:
+            The solution with its tangent on the side of ``across``, None if there is none.
+        """
+        return self._newton(x, t, across.x, across.t, x, t, 0.0).state
+
+    def onward(
+        self,
+        start: PathState,
+        t_end: float,
+        landings: Sequence[float] = (),
+        *,
+        lowest: float = -math.inf,
+        longest: float = 30.0,
+    ) -> Iterator[PathState]:
+        """Yield the solutions after ``start``, which has its tangent; see ``follow``."""
+        self.ending = None
+        last, before = start, None
         step = self.control.initial
         due = sorted({*landings, t_end})
         while last.arc < longest:

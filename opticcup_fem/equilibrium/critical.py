@@ -53,7 +53,8 @@ class CriticalPoint:
         kind: Whether the path turns back there, or another one crosses it.
         lost: Whether stability against the mode is lost in the direction of the path, or regained.
         t_n_range: Normalised times of the states that enclose it, in the order of the path.
-        state: The equilibrium nearest to it on the side where the path came from.
+        at: Normalised time of ``state``.
+        state: An equilibrium right beside it.
         mode: The critical mode there.
         content: Its azimuthal content.
         eigenvalues: The eigenvalues nearest to zero there, lowest first.
@@ -63,6 +64,7 @@ class CriticalPoint:
     kind: Literal["limit_point", "bifurcation"]
     lost: bool
     t_n_range: tuple[float, float]
+    at: float
     state: ShellState
     mode: Mode
     content: AzimuthalContent
@@ -138,11 +140,22 @@ class CriticalPoints:
             "limit_point" if limit else "bifurcation",
             limit or mode.eigenvalue > 0,
             (t_1, t_2),
+            t_1,
             state,
             mode,
             content,
             tuple(one.eigenvalue for one in modes),
         )
+
+    def softest(self, t_n: float, state: ShellState, wavenumber: int) -> Mode | None:
+        """Return the mode of a wavenumber with the eigenvalue nearest to zero (collective).
+
+        Returns:
+            None if there is none among the modes near zero.
+        """
+        modes = self._modes_at(t_n, state, 16)
+        of_m = [one for one in modes if self.classify(state, one).wavenumber == wavenumber]
+        return _nearest(of_m) if of_m else None
 
     def between(self, low: Known, high: Known) -> list[CriticalPoint]:
         """Return the bifurcations between neighbouring axisymmetric equilibria (collective).
@@ -213,6 +226,7 @@ class CriticalPoints:
             "bifurcation",
             lost,
             (low.t_n, high.t_n),
+            nearest.t_n,
             nearest.state,
             nearest.mode,
             self.classify(nearest.state, nearest.mode),

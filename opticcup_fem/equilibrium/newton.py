@@ -38,6 +38,10 @@ MOST_RENEWALS = 30
 """Solves for one state while faces and obstacles are brought up to date."""
 
 
+WANDERING = 10.0
+"""A residual this many times the smallest one before ends a solve; measured on growing cups."""
+
+
 class Drag(NamedTuple):
     """Viscous term rate M (u - u_start) of a backward Euler step.
 
@@ -79,7 +83,7 @@ class MixedNewton:
         problem: Problem,
         tolerance: float = 1e-8,
         max_iterations: int = 15,
-        wandering: float = 10.0,
+        wandering: float = WANDERING,
     ) -> None:
         """Set SNES up.
 
@@ -187,13 +191,17 @@ class MixedNewton:
         """Return the inertia of the tangent at the last solution (collective).
 
         SNES factorises at iterates, of which the solution is not one.  The last of them serves
-        where its residual was small already; else the tangent is factorised at the solution.
+        where its residual was small already; else the tangent is factorised at the solution.  Of
+        a tangent that is not symmetric that of the symmetric part is returned: no negative
+        eigenvalue means stable, some need not mean unstable (``NegativeEigenvalues``).
 
         Returns:
-            None where the tangent is not symmetric.
+            None where there was no admissible iterate.
         """
-        if not self.problem.symmetric or self._cells is None:
+        if self._cells is None:
             return None
+        if not self.problem.symmetric:
+            return self.problem.inertia_of_symmetric_part(self._cells)
         if self._factorised_norm > NEAR_SOLUTION:
             self.problem.assemble_tangent(self._cells, self.problem.contact_stiffness(self._state))
             self.problem.factorise()

@@ -12,6 +12,8 @@ from opticcup_fem.equilibrium.jumps import Relaxation
 from opticcup_fem.equilibrium.newton import MixedNewton, Solution
 from opticcup_fem.equilibrium.problem import Problem
 from opticcup_fem.equilibrium.relaxation import Relaxed
+from opticcup_fem.equilibrium.spectrum import Mode
+from opticcup_fem.equilibrium.stability import NegativeEigenvalues
 from opticcup_fem.equilibrium.steps import Course, History, StepControl
 from opticcup_fem.errors import ClosureBreakdown, ConvergenceError, OpticCupError
 from opticcup_fem.shell.model import ShellState
@@ -83,6 +85,7 @@ class LoadStepping:
         relaxation: Relaxation,
         control: StepControl,
         critical: CriticalPoints | None = None,
+        switch_wavenumber: int = 0,
     ) -> None:
         """Keep the parts.
 
@@ -92,9 +95,14 @@ class LoadStepping:
             relaxation: Way down from a lost state.
             control: Step control.
             critical: Localises and classifies critical points; None leaves them unexplained.
+            switch_wavenumber: m of the mode along which a state is left at a bifurcation; 0 for
+                the critical mode.
         """
         self.problem, self.newton, self.relaxation = problem, newton, relaxation
         self.control, self.critical = control, critical
+        self.switch_wavenumber = switch_wavenumber
+        spectrum = None if critical is None else critical.spectrum
+        self._negative_eigenvalues = NegativeEigenvalues(newton, spectrum)
         self.end: PathEnd | None = None
         self.accepted = 0
         self._may_descend = True
@@ -193,9 +201,8 @@ class LoadStepping:
             return self._descended(t_n, guess, near, solution)
         if not solution.converged or self._moved(solution.state, near) > self.control.max_move:
             return Attempt(solution)
-        inertia = self.newton.inertia()
-        negative = None if inertia is None else inertia.negative
         state = shell.with_updated_directors(solution.state)
+        negative = self._negative_eigenvalues.at_solution(state)
         if negative and not self._admits(Known(t_n, state, negative), before):
             return Attempt(solution, unstable=state)
         energy = shell.energy(state)
@@ -270,8 +277,9 @@ class LoadStepping:
             return self._relaxed(point, point.state, t_n, attempt.solution)
         critical = self.critical.at_loss(history.states, (t_n, attempt.unstable))
         starts = [point.state]
-        if critical.kind == "bifurcation" and attempt.unstable is not None:
-            starts = [critical.mode.moved(point.state, push) for push in PUSHES]
+        mode = self._way_out(critical, attempt, point)
+        if mode is not None:
+            starts = [mode.moved(point.state, push) for push in PUSHES]
         spent = 0
         for start in starts:
             found = self._relaxed(point, start, t_n, attempt.solution)
@@ -284,6 +292,14 @@ class LoadStepping:
         known = (critical,) if found.jump or attempt.unstable is not None else ()
         return replace(found, iterations=spent, critical=known)
 
+    def _way_out(self, critical: CriticalPoint, attempt: Attempt, point: PathPoint) -> Mode | None:
+        """Return the mode to move along, None where the descent finds its way by itself."""
+        if critical.kind != "bifurcation":
+            return None
+        if self.switch_wavenumber and self.critical is not None:
+            return self.critical.softest(point.t_n, point.state, self.switch_wavenumber)
+        return None if attempt.unstable is None else critical.mode
+
     def _relaxed(
         self, point: PathPoint, start: ShellState, t_n: float, attempt: Solution
     ) -> PathPoint | None:
@@ -293,11 +309,14 @@ class LoadStepping:
         if not relaxed.converged:
             self.end = PathEnd(t_n, attempt if relaxed.lost is None else relaxed)
             return None
+        negative = relaxed.negative_eigenvalues
+        if negative is None:  # the flow ends in a solution of Newton's method
+            negative = self._negative_eigenvalues.at_solution(relaxed.state)
         return PathPoint(
             t_n,
             relaxed.state,
             self._moved(relaxed.state, point.state) > self.control.jump_move,
-            relaxed.negative_eigenvalues,
+            negative,
             relaxed.factorisations,
             relaxed.residual,
             relaxed.energy,

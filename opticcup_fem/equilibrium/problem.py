@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 from mpi4py import MPI
@@ -46,7 +47,7 @@ class Problem:
         contact: Contact that is resisted, if any.
         awake: Whether contact is evaluated; it is not while a solve is tried without it.
         matrix: The tangent H.
-        symmetric: Whether H is symmetric and factorised as L D L^T.
+        symmetric: Whether H is symmetric and factorised as L D L^T, else as L U.
     """
 
     def __init__(
@@ -140,12 +141,24 @@ class Problem:
         self.ksp = PETSc.KSP().create(self.comm)
         self.ksp.setType(PETSc.KSP.Type.PREONLY)
         self.ksp.setOperators(self.matrix)
-        self.configure(self.ksp)
+        self._configure(self.ksp, self.symmetric)
 
-    def configure(self, ksp: PETSc.KSP) -> None:
+    @cached_property
+    def _symmetric_part(self) -> tuple[PETSc.Mat, PETSc.KSP]:
+        """(H + H^T)/2 and its factorisation."""
+        matrix = self.matrix.duplicate(copy=False)
+        matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        matrix.setOption(PETSc.Mat.Option.SYMMETRY_ETERNAL, True)
+        ksp = PETSc.KSP().create(self.comm)
+        ksp.setType(PETSc.KSP.Type.PREONLY)
+        ksp.setOperators(matrix)
+        self._configure(ksp, True)
+        return matrix, ksp
+
+    def _configure(self, ksp: PETSc.KSP, symmetric: bool) -> None:
         """Make a KSP factorise by MUMPS: L D L^T with its inertia, or L U."""
         pc = ksp.getPC()
-        pc.setType(PETSc.PC.Type.CHOLESKY if self.symmetric else PETSc.PC.Type.LU)
+        pc.setType(PETSc.PC.Type.CHOLESKY if symmetric else PETSc.PC.Type.LU)
         pc.setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
         pc.setFactorSetUpSolverType()
         factor = pc.getFactorMatrix()
@@ -305,12 +318,12 @@ class Problem:
         # a new pattern needs a new factor, which needs its settings
         self.ksp.reset()
         self.ksp.setOperators(self.matrix)
-        self.configure(self.ksp)
+        self._configure(self.ksp)
 
     # --- tangent ------------------------------------------------------------------------------
 
     def assemble_tangent(self, cells: CondensedCells, far: sparse.csr_array | None = None) -> None:
-        """Assemble H from the condensed cells and contact (collective).
+        """Assemble H from the condensed cells, contact and medium (collective).
 
         Args:
             cells: The cells.
@@ -318,15 +331,20 @@ class Problem:
         """
         if far is not None:
             self._make_room(far)
-        self.matrix.zeroEntries()
-        self.insert(self.matrix, cells.hessian)
-        if far is not None:
-            self._insert_far(self.matrix, far)
-        for i in self._held_owned:
-            self.matrix.setValue(i, i, 1.0, addv=PETSc.InsertMode.ADD_VALUES)
-        self.matrix.assemble()
+        self._assemble(self.matrix, cells.hessian, far)
         if self._springs is not None:
             self.add_diagonal(self._springs, 1.0)
+
+    def _assemble(
+        self, matrix: PETSc.Mat, cells: Array, far: sparse.csr_array | None = None
+    ) -> None:
+        matrix.zeroEntries()
+        self.insert(matrix, cells)
+        if far is not None:
+            self._insert_far(matrix, far)
+        for i in self._held_owned:
+            matrix.setValue(i, i, 1.0, addv=PETSc.InsertMode.ADD_VALUES)
+        matrix.assemble()
 
     def add_diagonal(self, diagonal: PETSc.Vec, factor: float) -> None:
         """Add ``factor`` times a diagonal to the assembled tangent (collective)."""
@@ -350,5 +368,24 @@ class Problem:
         """
         if not self.symmetric:
             return None
-        negative, zero, positive = self.ksp.getPC().getFactorMatrix().getInertia()
-        return Inertia(negative, zero, positive)
+        return _inertia(self.ksp)
+
+    def inertia_of_symmetric_part(self, cells: CondensedCells) -> Inertia:
+        """Return the inertia of (H + H^T)/2 (collective).
+
+        Where none of its eigenvalues is negative, no eigenvalue of H has a negative real part; the
+        converse does not hold.  Held unknowns count as positive.
+
+        Args:
+            cells: The condensed cells that H is assembled from.
+        """
+        matrix, ksp = self._symmetric_part
+        self._assemble(matrix, (cells.hessian + cells.hessian.transpose(0, 2, 1)) / 2)
+        ksp.setUp()
+        ksp.getPC().setUp()
+        return _inertia(ksp)
+
+
+def _inertia(ksp: PETSc.KSP) -> Inertia:
+    negative, zero, positive = ksp.getPC().getFactorMatrix().getInertia()
+    return Inertia(negative, zero, positive)

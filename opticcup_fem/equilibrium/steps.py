@@ -97,11 +97,13 @@ class History:
         """
         self._problem, self._course = problem, course
         self._points = [(t_n, state)]
+        self._passed = [(t_n, state)]
         self._blocked = math.inf
 
     def add(self, t_n: float, state: ShellState) -> None:
-        """Append an accepted state; three are remembered."""
+        """Append an accepted state; the last three serve the next step, twelve a leap."""
         self._points = [*self._points[-2:], (t_n, state)]
+        self._passed = [*self._passed[-11:], (t_n, state)]
         if self._to_failure <= 0:
             self._blocked = math.inf
 
@@ -139,11 +141,18 @@ class History:
             guess = guess.plus(state.minus(last), weight)
         return self._problem.with_mean_directors(guess, last)
 
-    def predict_far(self, t: float) -> ShellState:
-        """Return the guess at ``t`` on the straight line through the first and the last state."""
-        (t_0, first), (t_1, last) = self._points[0], self._points[-1]
-        if t_0 == t_1:
+    def predict_far(self, t: float, distance: float) -> ShellState:
+        """Return the guess at ``t`` on the straight line through the last state and a distant one.
+
+        Args:
+            t: Normalised time.
+            distance: Least distance in t_n of the two.
+        """
+        t_1, last = self._points[-1]
+        distant = [one for one in self._passed if abs(one[0] - t_1) >= distance]
+        if not distant:
             return last
+        t_0, first = distant[-1]
         guess = last.plus(last.minus(first), (t - t_1) / (t_1 - t_0))
         return self._problem.with_mean_directors(guess, last)
 

@@ -52,8 +52,7 @@ def mark_events(
     for event in events:
         if not event.get("followed", True):
             continue
-        marker, label = style.EVENT_MARKERS[event["kind"]]
-        wavenumber = f", m = {event['wavenumber']}" if "wavenumber" in event else ""
+        marker, _ = style.EVENT_MARKERS[event["kind"]]
         t_n, value = place_of(path, name, event)
         axes.plot(
             [t_n],
@@ -66,5 +65,5 @@ def mark_events(
             markeredgecolor=colour,
             markeredgewidth=1.4,
             zorder=5,
-            label=f"{label} ({event['type']}{wavenumber}), $t_n$ = {float(event['t_n']):.4f}",
+            label=style.event_label(event),
         )

@@ -1,6 +1,6 @@
 """The one look of all pictures: colours that colour-blind readers can tell apart, field symbols."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import wraps
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
@@ -59,6 +59,14 @@ SETTINGS: dict[str, Any] = {
     "figure.facecolor": "white",
     "savefig.dpi": 200,
 }
+
+
+def event_label(event: Mapping[str, Any]) -> str:
+    """Return an event in words: "symmetry breaking (jump, m = 2), $t_n$ = 0.2830"."""
+    _, label = EVENT_MARKERS[event["kind"]]
+    wavenumber = f", m = {event['wavenumber']}" if "wavenumber" in event else ""
+    return f"{label} ({event['type']}{wavenumber}), $t_n$ = {float(event['t_n']):.4f}"
+
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")

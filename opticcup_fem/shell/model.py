@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from mpi4py import MPI
@@ -99,7 +99,10 @@ class Shell:
         sections: Section of every region.
         closure: Name of the closure.
         spaces: Finite-element spaces.
-        reference: Reference positions of the nodes, shape (n_nodes, 3).
+        reference: Positions of the nodes on the smooth surface, which name the shell's points,
+            shape (n_nodes, 3).
+        rest: Positions without membrane stress before growth, (n_nodes, 3); those on the smooth
+            surface unless the shell has an imperfection.
         growth: Growth of each layer of each region at the present t_n.
         external: The loads, None where there are none.
     """
@@ -112,6 +115,7 @@ class Shell:
         closure: str = "layer-stretch",
         degree: int = 3,
         loads: Sequence[Load] = (),
+        imperfection: Callable[[Array], Array] | None = None,
     ) -> None:
         """Set the shell up in its reference position and compile its kernels (collective).
 
@@ -122,6 +126,8 @@ class Shell:
             closure: A key of ``closures.CLOSURES``.
             degree: Polynomial degree of the position.
             loads: Loads on the shell, see ``loads``.
+            imperfection: Displacement (n, 3) of points (n, 3) of the smooth surface to where the
+                shell has no membrane stress; its stress-free curvature stays the surface's.
 
         Raises:
             CaseError: A load has no usable value.
@@ -134,6 +140,9 @@ class Shell:
         self.reference: Array = (
             surface_mesh.reference_position(self.spaces.position).x.array.reshape(-1, 3).copy()
         )
+        self.rest: Array = self.reference
+        if imperfection is not None:
+            self.rest = self.reference + imperfection(self.reference)
         self.directors = EdgeDirectors(self.spaces)
         self.forms = ShellForms(self.spaces)
         self.kernels = compile_kernels(self.comm, self.forms.integrals, self.spaces.coordinates)
@@ -142,7 +151,7 @@ class Shell:
         self.growth: dict[str, list[GrowthState]] = {}
         self.external: ExternalWork | None = None
         if loads:
-            sites = LoadSites.of(surface_mesh, self.spaces, self.reference)
+            sites = LoadSites.of(surface_mesh, self.spaces, self.rest)
             self.external = ExternalWork(loads, self.forms, sites)
         self.set_time(0.0)
 
@@ -150,7 +159,7 @@ class Shell:
         """Tables at the cell quadrature points."""
         points = self.forms.quadrature_points
         self._gradient = self.spaces.gradient_operator(points)
-        self.a_ref = self.spaces.metric(self.reference[self.spaces.nodes], self._gradient)
+        self.a_ref = self.spaces.metric(self.rest[self.spaces.nodes], self._gradient)
         a_11, a_22, a_12 = np.moveaxis(self.a_ref, -1, 0)
         self.area_ref = np.sqrt(a_11 * a_22 - a_12**2)
         self.weights = self.forms.quadrature_weights * self.spaces.det_j[:, None] * self.area_ref
@@ -210,12 +219,15 @@ class Shell:
         }
 
     def reference_state(self) -> ShellState:
-        """Return the ungrown, stress-free shell; its curvature is that of the reference."""
+        """Return the ungrown shell at rest; its curvature is that of its place.
+
+        It is free of stress, if it has no imperfection.
+        """
         spaces = self.spaces
         state = ShellState(
-            self.reference.copy(),
+            self.rest.copy(),
             np.zeros((spaces.n_edges, spaces.degree)),
-            self.directors.mean_normals(self.reference),
+            self.directors.mean_normals(self.rest),
             np.zeros((spaces.n_cells, spaces.n_curvature)),
             np.zeros((spaces.n_cells, spaces.n_curvature)),
         )

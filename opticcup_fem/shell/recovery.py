@@ -120,10 +120,8 @@ def _meridian(shell: Shell, cells: NDArray[np.int32]) -> Array:
     spaces = shell.spaces
     points = shell.forms.quadrature_points
     nodes = spaces.nodes[cells]
-    base = np.einsum(
-        "cqna,cni->cqai", spaces.gradient_operator(points)[cells], shell.reference[nodes]
-    )
-    x = np.einsum("qn,cni->cqi", spaces.position_table(points), shell.reference[nodes])
+    base = np.einsum("cqna,cni->cqai", spaces.gradient_operator(points)[cells], shell.rest[nodes])
+    x = np.einsum("qn,cni->cqi", spaces.position_table(points), shell.rest[nodes])
     outwards = x * np.array([1.0, 1.0, 0.0])
     outwards[np.linalg.norm(outwards, axis=-1) < 1e-9] = (1.0, 0.0, 0.0)
     azimuth = np.cross(np.array([0.0, 0.0, 1.0]), outwards)
@@ -139,8 +137,8 @@ def _cauchy(
 
     Metrics are (11, 22, 12) components of shape (n, 3), the meridian's direction t^a is (n, 2).
     """
-    lmbda, mu = fibre.layer.lame, fibre.layer.shear_modulus
-    psi_D = lmbda / 4 * (stretch**2 - 1 / D) - mu / (2 * D)
+    mu = fibre.layer.shear_modulus
+    psi_D = fibres.area_slope(D, stretch**2, fibre.layer)
     natural = np.reshape(fibre.natural, (-1, 1))
     second = 2 * (psi_D * D)[:, None] * _inverse(metric) + mu * _inverse(a_ref) / natural
     second *= np.reshape(fibre.density_ratio, (-1, 1))

@@ -9,6 +9,7 @@ from opticcup_fem.case.tables import ObstacleTable
 from opticcup_fem.contact.model import EXEMPT, Contact, ContactSettings
 from opticcup_fem.contact.obstacles import Box, Obstacle, Plate, Sphere
 from opticcup_fem.contact.touch import Nearest, TouchMeter
+from opticcup_fem.equilibrium.branch import BranchStepping
 from opticcup_fem.equilibrium.path import LoadStepping, PathPoint
 from opticcup_fem.shell.model import Shell
 from opticcup_fem.shell.recovery import capture
@@ -52,7 +53,7 @@ class TouchWatch:
         nearest: The nearest parts of the last state, on rank 0; None where none is near.
     """
 
-    def __init__(self, case: Case, shell: Shell, stepping: LoadStepping) -> None:
+    def __init__(self, case: Case, shell: Shell, stepping: LoadStepping | BranchStepping) -> None:
         """Watch a path."""
         self._shell, self._stepping, self._h = shell, stepping, case.shape.thickness
         self._alpha = case.shape.opening_angle
@@ -97,7 +98,7 @@ class TouchWatch:
     def _localised(self, point: PathPoint, gap: float) -> dict[str, Any]:
         """Return the fields of the touch between the last state and this one (collective)."""
         low, low_gap, high, found = self._last, self._gap, point, self.nearest
-        if low is not None and not high.jump:
+        if low is not None and not high.jump and isinstance(self._stepping, LoadStepping):
             for _ in range(MOST_SOLVES):
                 if abs(gap) < CLOSE_ENOUGH:
                     break

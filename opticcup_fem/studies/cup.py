@@ -9,11 +9,13 @@ from mpi4py import MPI
 from opticcup_fem.case import Case
 from opticcup_fem.case.checks import require_cup
 from opticcup_fem.contact.report import contact_report
-from opticcup_fem.equilibrium.path import LoadStepping, PathPoint
+from opticcup_fem.equilibrium.critical import CriticalPoint
+from opticcup_fem.equilibrium.path import PathPoint
 from opticcup_fem.errors import ClosureBreakdown, OpticCupError
-from opticcup_fem.shell.recovery import capture
+from opticcup_fem.shell.model import Shell
+from opticcup_fem.shell.recovery import capture, gather_nodes
 from opticcup_fem.studies.contact import TouchWatch
-from opticcup_fem.studies.model import shell_of, stepping_of
+from opticcup_fem.studies.model import Stepping, shell_of, stepping_of
 from opticcup_fem.studies.outcome import RunSummary, on_root
 from opticcup_fem.studies.progress import Progress, sentence
 from opticcup_fem.studies.recorder import ContactNumbers, Recorder, StateNumbers
@@ -59,10 +61,12 @@ def run(
 
 
 def _record(
-    recorder: Recorder | None, stepping: LoadStepping, point: PathPoint, watch: TouchWatch | None
+    recorder: Recorder | None, stepping: Stepping, point: PathPoint, watch: TouchWatch | None
 ) -> bool:
     """Record a state on rank 0; return on every rank whether the run goes on (collective)."""
     shell, contact = stepping.problem.shell, stepping.problem.contact
+    for critical in point.critical:
+        _record_critical(recorder, shell, critical)
     snapshot = capture(shell, point.state, point.t_n)
     touch = None if watch is None else watch.see(point, snapshot)
     report = None if contact is None else contact_report(contact, point.state)
@@ -74,6 +78,19 @@ def _record(
         nearest = None if watch is None else watch.nearest
         goes_on = recorder.accept(snapshot, numbers, ContactNumbers(nearest, touch, report))
     return bool(shell.comm.bcast(goes_on))
+
+
+def _record_critical(recorder: Recorder | None, shell: Shell, critical: CriticalPoint) -> None:
+    """Record a critical point with its mode on rank 0 (collective)."""
+    t_n = shell.t_n
+    shell.set_time(critical.at)
+    snapshot, motion = (
+        capture(shell, critical.state, critical.at),
+        gather_nodes(shell, critical.mode.r),
+    )
+    shell.set_time(t_n)
+    if recorder is not None and snapshot is not None and motion is not None:
+        recorder.critical(critical, snapshot, motion)
 
 
 def _record_breakdown(recorder: Recorder, failure: OpticCupError | None) -> None:

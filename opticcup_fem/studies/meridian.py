@@ -11,6 +11,7 @@ from mpi4py import MPI
 import numpy as np
 
 from opticcup_fem.case import Case, case_to_toml
+from opticcup_fem.case.checks import require_perfect
 from opticcup_fem.errors import ClosureBreakdown, OpticCupError
 from opticcup_fem.events import Event, event
 from opticcup_fem.meridian.contact import self_crossing
@@ -81,8 +82,9 @@ def run(
         comm: MPI communicator, all ranks by default.
 
     Raises:
-        CaseError: The folder cannot be written.
+        CaseError: The shell has an imperfection, or the folder cannot be written.
     """
+    require_perfect(case, 'run.model = "meridian" is')
     comm = comm or MPI.COMM_WORLD
     summary: RunSummary | None = on_root(comm, lambda: _run(case, out_dir, quiet))
     shared: RunSummary = comm.bcast(summary)
@@ -162,6 +164,9 @@ class MeridianRecorder:
         self._watch_ellipticity(point)
         if self.touched:
             point = replace(point, followed=False, jump=False)
+        if point.followed and self.case.output.states:
+            state = self._revolution.snapshot(point.state, point.t_n)
+            self.folder.write_state(state, jump=point.jump)
         row = self._row(point, crossing is not None)
         self.folder.append(row)
         self.rows.append(row)

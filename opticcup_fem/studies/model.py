@@ -8,18 +8,23 @@ from mpi4py import MPI
 
 from opticcup_fem.case import Case
 from opticcup_fem.equilibrium.axisymmetric import AxisymmetricStepping
+from opticcup_fem.equilibrium.branch import BranchPath, BranchStepping
 from opticcup_fem.equilibrium.jumps import make_relaxation
-from opticcup_fem.equilibrium.newton import MixedNewton
+from opticcup_fem.equilibrium.newton import WANDERING, MixedNewton
 from opticcup_fem.equilibrium.path import LoadStepping
 from opticcup_fem.equilibrium.problem import Problem
 from opticcup_fem.equilibrium.steps import StepControl
 from opticcup_fem.mesh import SurfaceMesh, cup_mesh, disk_mesh, open_cap_mesh
 from opticcup_fem.shell.growth import GrowthLaw, LinearGrowth
+from opticcup_fem.shell.imperfection import Imperfection, draw_imperfection
 from opticcup_fem.shell.model import Shell
 from opticcup_fem.shell.section import Layer, Section
 from opticcup_fem.shell.supports import free, rigid_modes_of_cup
 from opticcup_fem.studies.contact import contact_of
 from opticcup_fem.studies.stability import critical_points_of
+
+PATIENCE = 25
+"""Newton iterations that an axisymmetric state beside a bifurcation may take."""
 
 
 def sections_of(case: Case) -> dict[str, Section]:
@@ -38,6 +43,14 @@ def growth_of(case: Case) -> dict[str, GrowthLaw]:
     growth = case.growth
     rates = {"ecm": growth.ecm, "iov": growth.iov, "oov": growth.oov}
     return {name: LinearGrowth(rate, growth.mass_change) for name, rate in rates.items()}
+
+
+def imperfection_of(case: Case) -> Imperfection | None:
+    """Return the imperfection of a case, lengths in R; None for a perfect shell."""
+    keys = case.imperfection
+    if keys.amplitude == 0:
+        return None
+    return draw_imperfection(keys.wavenumber, keys.amplitude * case.shape.thickness, keys.seed)
 
 
 def mesh_of(case: Case, comm: MPI.Comm) -> SurfaceMesh:
@@ -62,20 +75,29 @@ def mesh_of(case: Case, comm: MPI.Comm) -> SurfaceMesh:
 
 def shell_of(case: Case, comm: MPI.Comm) -> Shell:
     """Return the shell of a case (collective)."""
-    return Shell(mesh_of(case, comm), sections_of(case), growth_of(case), case.material.closure)
+    return Shell(
+        mesh_of(case, comm),
+        sections_of(case),
+        growth_of(case),
+        case.material.closure,
+        imperfection=imperfection_of(case),
+    )
 
 
-def stepping_of(case: Case, shell: Shell) -> LoadStepping:
-    """Return the load stepping of a case (collective)."""
+Stepping = LoadStepping | BranchStepping
+
+
+def stepping_of(case: Case, shell: Shell) -> Stepping:
+    """Return what follows the path that a case asks for (collective)."""
     solver = case.solver
     contact = contact_of(case, shell)
     beside_obstacles = contact is not None and contact.has_obstacles
     held = free(shell) if beside_obstacles else rigid_modes_of_cup(shell)
     problem = Problem(shell, held, contact)
-    axisymmetric = case.run.follow == "axisymmetric"
-    # beside a bifurcation a good iteration wanders
-    patience = {"wandering": math.inf} if axisymmetric else {}
-    newton = MixedNewton(problem, solver.tolerance, solver.max_iterations, **patience)
+    iterations, wandering = solver.max_iterations, WANDERING
+    if case.run.follow != "stable":  # beside a bifurcation a good iteration is long, and wanders
+        iterations, wandering = max(PATIENCE, iterations), math.inf
+    newton = MixedNewton(problem, solver.tolerance, iterations, wandering)
     control = StepControl(
         initial=solver.initial_step,
         largest=solver.max_step,
@@ -83,6 +105,9 @@ def stepping_of(case: Case, shell: Shell) -> LoadStepping:
         growth=solver.growth_factor,
         max_move=solver.max_move,
     )
-    kind = AxisymmetricStepping if axisymmetric else LoadStepping
-    relaxation = make_relaxation(problem, newton)
-    return kind(problem, newton, relaxation, control, critical_points_of(shell, newton))
+    relaxation, critical = make_relaxation(problem, newton), critical_points_of(shell, newton)
+    if case.run.follow == "stable":
+        wavenumber = case.run.switch_wavenumber
+        return LoadStepping(problem, newton, relaxation, control, critical, wavenumber)
+    stem = AxisymmetricStepping(problem, newton, relaxation, control, critical)
+    return stem if case.run.follow == "axisymmetric" else BranchStepping(stem, BranchPath(problem))

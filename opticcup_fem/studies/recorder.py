@@ -12,10 +12,12 @@ from opticcup_fem.case import Case, case_to_toml
 from opticcup_fem.contact.report import ContactReport
 from opticcup_fem.contact.touch import Nearest
 from opticcup_fem.crossing import Crossing, surface_check
-from opticcup_fem.events import Event, detect_events, event
+from opticcup_fem.equilibrium.critical import CriticalPoint
+from opticcup_fem.events import Event, detect_events, event, with_limit_points
 from opticcup_fem.observables import Observer
 from opticcup_fem.records import RunFolder
-from opticcup_fem.snapshot import Snapshot
+from opticcup_fem.snapshot import Floats, Snapshot
+from opticcup_fem.studies.critical_modes import CriticalMode, critical_arrays
 from opticcup_fem.studies.progress import Progress
 from opticcup_fem.theory.prediction import cap_curvature_of_case
 from opticcup_fem.versions import versions
@@ -71,6 +73,7 @@ class Recorder:
         self._announced: set[str] = set()
         self._observer: Observer | None = None
         self._last: Snapshot | None = None
+        self._modes: list[CriticalMode] = []
         self._last_sectioned = False
 
     def accept(
@@ -99,12 +102,38 @@ class Recorder:
             if crossing is not None:
                 self._end_in_contact(row, crossing)
                 return False
+        if self.case.output.states:
+            self.folder.write_state(snapshot, jump=numbers.jump)
         self.folder.append(row)
         self.rows.append(row)
         self._write_state(snapshot, numbers.jump)
         self._note_events()
         self.progress.step(snapshot.t_n)
         return True
+
+    def critical(self, point: CriticalPoint, snapshot: Snapshot, motion: Floats) -> None:
+        """Record a critical point: its event, and its mode for ParaView and for the picture.
+
+        Args:
+            point: The critical point.
+            snapshot: The state beside it.
+            motion: The mode's displacement of the snapshot's nodes, shape (n, 3).
+        """
+        fields = {
+            **point.content.describe(),
+            "t_n_range": list(point.t_n_range),
+            "eigenvalue": point.mode.eigenvalue,
+            "eigenvalues": list(point.eigenvalues),
+        }
+        if point.kind == "limit_point":
+            kind, how = "limit_point", "fold"
+        else:
+            kind, how = "symmetry_breaking" if point.lost else "symmetry_regained", "bifurcation"
+        self.recorded.append(event(kind, how, point.t_n, self._kappa(point.t_n), **fields))
+        if self.case.output.fields:
+            self.folder.write_mode_fields(snapshot, motion)
+        self._modes.append(CriticalMode(point.t_n, kind, snapshot, motion, point.content))
+        self.folder.write_critical(**critical_arrays(self._modes))
 
     def breakdown(self, closure: str, t_n: float, fields: dict[str, Any]) -> None:
         """Record that the closure broke down at ``t_n``."""
@@ -121,11 +150,15 @@ class Recorder:
             from opticcup_fem.plots.summary import summary
 
             summary(self.folder.path)
+            if self._modes:
+                from opticcup_fem.plots.critical import critical
+
+                critical(self.folder.path)
         return events
 
     def events(self) -> list[Event]:
         """Return the events so far."""
-        return detect_events(self.rows, self.recorded, curvature=self._kappa)
+        return with_limit_points(detect_events(self.rows, self.recorded, curvature=self._kappa))
 
     def _kappa(self, t_n: float) -> float:
         return float(cap_curvature_of_case(self.case, np.float64(t_n)))
@@ -140,6 +173,7 @@ class Recorder:
             "jump": numbers.jump,
             "newton_iterations": numbers.iterations,
             "negative_eigenvalues": "" if negative is None else negative,
+            "stable": not negative,
             "residual": numbers.residual,
             "energy": numbers.energy,
         }
@@ -184,8 +218,9 @@ class Recorder:
     def _end_in_contact(self, row: dict[str, Any], crossing: Crossing) -> None:
         """Record the contact, and a loss of symmetry that only the crossed state shows."""
         t_n = float(row["t_n"])
-        shown = detect_events([*self.rows, row], curvature=self._kappa)
-        self.recorded += [one for one in shown if one["kind"] == "symmetry_breaking"]
+        shown = detect_events([*self.rows, row], self.recorded, curvature=self._kappa)
+        known = {one["kind"] for one in self.recorded}
+        self.recorded += [one for one in shown if one["kind"] == "symmetry_breaking" not in known]
         contact = event("self_contact", "mid-surface", t_n, self._kappa(t_n), **crossing.describe())
         self.recorded.append(contact)
         for one in self.recorded:

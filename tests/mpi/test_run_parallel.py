@@ -7,7 +7,8 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 
-from opticcup_fem.records import read_path
+from opticcup_fem.events import Event
+from opticcup_fem.records import read_events, read_path
 from opticcup_fem.studies import cup
 from tests.support.cups import coarse_case
 
@@ -30,7 +31,18 @@ def largest_difference(folder: Path, **case: float) -> float:
     one, other = (table[columns].to_numpy(dtype=float) for table in tables)
     difference = np.abs(one - other).max(axis=0)
     print(dict(zip(columns, difference, strict=True)))
+    check_events(*(read_events(folder / name) for name in ("together", "alone")))
     return float(difference.max())
+
+
+def check_events(together: list[Event], alone: list[Event]) -> None:
+    """The same kinds in the same order, times and modes of critical points included."""
+    assert [one["kind"] for one in together] == [one["kind"] for one in alone]
+    for one, other in zip(together, alone, strict=True):
+        assert one["t_n"] == pytest.approx(other["t_n"], abs=1e-7)
+        assert one.get("wavenumber") == other.get("wavenumber")
+        for key in {"purity", "eigenvalue", "eigenvalues"} & set(other):
+            assert one[key] == pytest.approx(other[key], rel=1e-4), key
 
 
 def test_smooth_path(tmp_path: Path) -> None:
@@ -39,5 +51,5 @@ def test_smooth_path(tmp_path: Path) -> None:
 
 
 def test_path_with_a_jump(tmp_path: Path) -> None:
-    """Across the snap of a thinner cup (R/h = 10): the same jump, the same state after it."""
+    """Across the snap of a thinner cup (R/h = 10): the same critical mode, jump and state after."""
     assert largest_difference(tmp_path, radius_over_thickness=10.0, t_end=0.05) < 1e-6

@@ -86,10 +86,10 @@ def test_settings_of_the_readme_are_keys_of_a_case():
     load_case(ROOT / "demos" / "chick.toml", settings)
 
 
-def test_decisions_have_unique_consecutive_numbers_that_their_titles_repeat():
+def test_decisions_have_unique_numbers_that_their_titles_repeat():
     decisions = sorted((ROOT / "docs" / "decisions").glob("*.md"))
     numbers = [int(path.name[:4]) for path in decisions]
-    assert numbers == list(range(1, len(decisions) + 1))
+    assert len(set(numbers)) == len(numbers)
     for path in decisions:
         text = path.read_text(encoding="utf-8")
         assert text.startswith(f"# {path.name[:4]} "), path.name

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from opticcup_fem.events import detect_events, event
+from opticcup_fem.events import detect_events, event, with_limit_points
 from tests.support.paths import recorded_path, stable_branches
 
 SEEDS = range(6)
@@ -193,3 +193,27 @@ def test_unknown_kinds_are_refused() -> None:
 def test_paths_that_have_just_begun_have_no_events(count: int) -> None:
     """Few rows are no reason to fail."""
     assert detect_events(rows_of(5)[:count]) == []
+
+
+def test_limit_point_explains_the_fold_that_encloses_it() -> None:
+    """The fold keeps its kind and takes time and mode; one that lets nothing fall stays."""
+    fold = event("primary_invagination", "fold", 0.0411, 5.0, t_n_range=[0.04095, 0.0412])
+    mode = {"wavenumber": 0, "purity": 0.99, "t_n_range": [0.04095, 0.0411]}
+    limit = event("limit_point", "fold", 0.04097, 4.9, **mode)
+    other = event("limit_point", "fold", 0.3, 9.0, wavenumber=2)
+    smooth = event("secondary_invagination", "smooth", 0.4, 9.5)
+    # before the fold's bracket, and inside no bracket
+    early = event("limit_point", "fold", 0.0409, 4.8, **mode)
+    merged = with_limit_points([early, limit, fold, other, smooth])
+    assert [one["kind"] for one in merged] == [
+        "limit_point",
+        "primary_invagination",
+        "limit_point",
+        "secondary_invagination",
+    ]
+    assert merged[0] is early
+    assert merged[1] == {**limit, "kind": "primary_invagination"}
+    assert merged[2:] == [other, smooth]
+    # a limit point explains one fold only
+    again = with_limit_points([limit, fold, fold])
+    assert [one["t_n"] for one in again] == [0.04097, 0.0411]

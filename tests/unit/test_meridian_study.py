@@ -14,6 +14,7 @@ from opticcup_fem.case import Case, parse_case
 from opticcup_fem.errors import CaseError
 from opticcup_fem.meridian.contact import crossing_of, self_crossing
 from opticcup_fem.records import read_events, read_path, read_sections
+from opticcup_fem.states import States
 from opticcup_fem.studies import cup, meridian, verify
 from tests.support.meridians import PROFILES, shell_on
 
@@ -111,6 +112,14 @@ def test_fields_of_every_output_time_and_of_the_critical_modes(folder: Path) -> 
                 assert np.ptp(z[np.hypot(*grid.points[:, :2].T) < 1e-12]) == pytest.approx(
                     row.apex_height_over_R, rel=1e-9
                 )
+
+
+def test_every_state_that_a_cup_takes_is_kept(folder: Path, rows: pd.DataFrame) -> None:
+    """One a followed row, in their order, for movies and pages."""
+    states, followed = States(folder), rows[rows["followed"]]
+    np.testing.assert_array_equal(states.t_n, followed["t_n"])
+    np.testing.assert_array_equal(states.jump, followed["jump"])
+    assert 0 < states.jump.sum() < len(states) < len(rows)
 
 
 def test_eigenvalues_have_the_sign_of_the_counts(rows: pd.DataFrame) -> None:

@@ -98,6 +98,40 @@ def test_free_growth_is_free_of_stress_and_thickness_change(disk: Shell) -> None
     assert s < 0
 
 
+def test_layers_of_a_grown_sphere_pull_and_push() -> None:
+    """A bilayer sphere of radius r: each layer's mean of the fibres' exact plane stress.
+
+    The IOV grows and the ECM does not: it is pressed, the ECM pulled.  With R = 1 a fibre at height
+    xi has the natural metric e^2 (1 + 2 xi) and the current one r^2 (1 + 2 xi l/r), l the layer's
+    lambda_3 at the middle surface; the energy counts its area, 1 + 2 xi, as 1, and so its stress is
+    that of a free fibre over 1 + 2 xi.
+    """
+    h, t_n, radius, rate = 0.2, 0.1, 1.2, 5.0
+    layers = [Layer("iov", 0.9 * h, MU, NU, 5), Layer("ecm", 0.1 * h, MU, NU, 2)]
+    laws = {"iov": LinearGrowth(rate), "ecm": LinearGrowth(0.0)}
+    mesh = cup_mesh(0.7, 0.34, 0.2, 0.5, comm=MPI.COMM_SELF)
+    shell = Shell(mesh, dict.fromkeys(("cap", "oov"), Section(layers)), laws)
+    shell.set_time(t_n)
+    fields = layer_fields(shell, stretched(shell, radius * np.eye(3)), "oov")
+    half_traces = {}
+    for name, low, high, e in (("iov", -0.5, 0.4, 1 + rate * t_n), ("ecm", 0.4, 0.5, 1.0)):
+        x, w = np.polynomial.legendre.leggauss(20)
+        heights = h * ((high - low) / 2 * x + (high + low) / 2)
+        l_middle, _, _ = plane_stress(radius / e, radius / e)
+        stretches = [
+            radius * np.sqrt(1 + 2 * xi * l_middle / radius) / (e * np.sqrt(1 + 2 * xi))
+            for xi in heights
+        ]
+        exact = sum(
+            wi / 2 / (1 + 2 * xi) * plane_stress(s, s)[1]
+            for wi, xi, s in zip(w, heights, stretches, strict=True)
+        )
+        half_traces[name] = fields[name].stress[..., :2].mean(axis=-1)
+        assert half_traces[name].mean() == pytest.approx(exact, rel=5e-3)
+        assert np.abs(fields[name].stress[..., 2]).max() < 0.02 * abs(exact)
+    assert half_traces["iov"].max() < 0 < half_traces["ecm"].min()
+
+
 def test_faces_stand_off_by_the_current_thickness() -> None:
     """On a sphere the inner face lies h/2 inside; the ECM lies outside the IOV."""
     h = 0.2

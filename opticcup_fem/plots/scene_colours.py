@@ -1,0 +1,41 @@
+"""What colours of a body mean, where they mean a quantity and not a layer."""
+
+from collections.abc import Iterable, Mapping
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.colors import Colormap, Normalize, SymLogNorm
+
+from opticcup_fem.snapshot import Floats
+
+COLOUR_MAPS = {"lambda3": "viridis", "stress": "RdBu_r"}
+
+COLOUR_LABELS = {
+    "lambda3": r"thickness stretch $\lambda_3$",
+    "stress": r"mean in-plane stress / $\mu_\mathrm{IOV}$",
+}
+
+
+def colour_scale(quantity: str, values: Iterable[Mapping[str, Floats]]) -> Normalize:
+    """Return the scale of colours that serves all states of a run.
+
+    Stresses have the same colour strength in tension and in compression; their scale is linear up
+    to mu_IOV and logarithmic beyond, as the ECM's are so much larger than the tissue's.
+
+    Args:
+        quantity: A key of `opticcup_fem.plots.body.QUANTITIES`.
+        values: For each state the values of each layer.
+    """
+    limits = np.array(
+        [np.nanpercentile(v, [1, 99]) for state in values for v in state.values() if v.size]
+    )
+    low, high = float(limits[:, 0].min()), float(limits[:, 1].max())
+    if quantity == "stress":
+        largest = max(abs(low), abs(high), 2.0)
+        return SymLogNorm(linthresh=1.0, vmin=-largest, vmax=largest, base=10)
+    return Normalize(low, max(high, low + 1e-3))
+
+
+def colour_map(quantity: str) -> Colormap:
+    """Return the colours of a quantity."""
+    return mpl.colormaps[COLOUR_MAPS[quantity]]
