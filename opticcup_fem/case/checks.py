@@ -203,8 +203,15 @@ def _check_contact(case: Case) -> None:
     contact, run = case.contact, case.run
     if contact.mode == "resist" and run.model == "meridian":
         _reject("contact.mode", contact.mode, 'only run.model = "surface" resists contact')
-    if contact.mode == "resist" and run.follow == "axisymmetric":
+    if contact.mode == "resist" and run.follow != "stable":
         _reject("contact.mode", contact.mode, 'resisting contact needs run.follow = "stable"')
+    if contact.mode == "resist" and case.material.closure in ("paper", "closed-form"):
+        _reject(
+            "contact.mode",
+            contact.mode,
+            f"the closure {case.material.closure} has no energy to which that of contact could be "
+            'added; take material.closure = "layer-stretch"',
+        )
     if contact.mode != "resist" and contact.obstacles:
         _reject(
             "contact.mode", contact.mode, 'obstacles push only with contact.mode = "resist"; set it'

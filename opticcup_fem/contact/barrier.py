@@ -4,10 +4,12 @@ IPC Toolkit's potential: over all pairs of parts nearer than d_hat,
 
     E_c = sum_i w_i k d_hat b(d_i/d_hat),      b(x) = -(x^2 - 1)^2 ln(x^2),
 
-k a stress and w_i the reference area that a pair stands for, in the "improved max" set, which
-converges to the integral over the area that touches while d_hat is at most the vertices' distance
-(much beyond it the sum may turn negative).  b is twice continuously differentiable, 0 from x = 1
-on and unbounded as the gap closes.
+k a stress and w_i the reference area that a pair stands for.  b is twice continuously
+differentiable, 0 from x = 1 on and unbounded as the gap closes.  Pairs of one place add up, more of
+them the larger d_hat is against the distance of the vertices: E_c is at least the integral of
+k d_hat b over the area that touches, and the gap depends a little on the triangles.  (The
+toolkit's "improved max" set corrects for that by negative weights; at single vertices they cancel
+the barrier.)
 """
 
 from __future__ import annotations
@@ -51,7 +53,6 @@ class Barrier:
         if self._at is None or not np.array_equal(self._at, vertices):
             pairs = ipctk.NormalCollisions()
             pairs.use_area_weighting = True
-            pairs.collision_set_type = ipctk.NormalCollisions.IMPROVED_MAX_APPROX
             pairs.build(self.surface.mesh, vertices, self.distance)
             self._at, self._pairs = vertices.copy(order="F"), pairs
         return self._pairs if len(self._pairs) else None
@@ -95,7 +96,10 @@ class Barrier:
             end: Positions at the end of the way.
             apart: Distance to be kept all the way, below the gap at ``start``.
         """
-        return ipctk.compute_collision_free_stepsize(self.surface.mesh, start, end, apart)
+        # the toolkit's default method takes minutes over edges that move in parallel planes
+        return ipctk.compute_collision_free_stepsize(
+            self.surface.mesh, start, end, apart, narrow_phase_ccd=ipctk.AdditiveCCD()
+        )
 
     def crosses(self, vertices: Floats) -> bool:
         """Return whether any parts that can collide cross each other."""

@@ -35,6 +35,10 @@ EXEMPT = 1.5
 SAFE = 0.8
 """Share of the way to a collision that a step may go."""
 
+KEEP = 0.5
+"""Share of the gap that is kept when obstacles and faces are moved: a barrier that is nearly closed
+is hard to open again."""
+
 UP_TO_DATE = 0.02
 """Change of the faces, over the barrier's distance, that needs no further solve."""
 
@@ -55,7 +59,15 @@ class ContactSettings:
 
 
 class Contact:
-    """Barrier between the parts of a shell, and between it and obstacles."""
+    """Barrier between the parts of a shell, and between it and obstacles.
+
+    Attributes:
+        shell: The shell.
+        settings: Barrier and collision mesh.
+        has_obstacles: Whether there are any.
+        gather: Numbers of all nodes.
+        barrier: The barrier on rank 0, None elsewhere.
+    """
 
     def __init__(
         self, shell: Shell, settings: ContactSettings, obstacles: Sequence[Obstacle] = ()
@@ -71,7 +83,7 @@ class Contact:
             CaseError: An obstacle overlaps the shell in its reference position.
         """
         self.shell, self.settings = shell, settings
-        self.comm = shell.comm
+        self.comm, self.has_obstacles = shell.comm, len(obstacles) > 0
         self.gather = NodeGather(shell.spaces)
         reference = self.gather.to_root(shell.reference)
         orientation = self.gather.cell_values(shell.spaces.orientation)
@@ -154,11 +166,21 @@ class Contact:
         vertices = self._of(state)
         return self.comm.bcast(self.barrier.hessian(vertices) if self.barrier else None)
 
-    def free_fraction(self, start: ShellState, end: ShellState) -> float:
-        """Return the share of a step in r and contact data that is safe, 0 to 1 (collective)."""
+    def free_fraction(self, start: ShellState, end: ShellState, keep: float = 0.0) -> float:
+        """Return the share of a way in r and contact data that is safe, 0 to 1 (collective).
+
+        Args:
+            start: State without a crossing.
+            end: The other end of the way.
+            keep: Share of the gap at the start, or of the barrier's distance, to be kept.
+        """
         first, last = self._of(start), self._of(end)
-        free = self.comm.bcast(self.barrier.free_fraction(first, last) if self.barrier else 1.0)
-        return 1.0 if free >= 1.0 else SAFE * float(free)
+        free = 1.0
+        if self.barrier is not None:
+            apart = keep * min(self.barrier.gap(first), self.barrier.distance) if keep else 0.0
+            free = self.barrier.free_fraction(first, last, apart)
+        free = float(self.comm.bcast(free))
+        return 1.0 if free >= 1.0 else SAFE * free
 
     def gap(self, state: ShellState) -> float:
         """Return the least gap between faces, inf where it exceeds the barrier's (collective)."""
@@ -176,7 +198,7 @@ class Contact:
         assert before.contact is not None
         arrived = replace(before.contact, time=self.shell.t_n)
         goal = replace(guess, contact=arrived)
-        share = self.free_fraction(before, goal)
+        share = self.free_fraction(before, goal, KEEP)
         if share >= 1.0:
             return goal, 1.0
         between = before.plus(guess.minus(before), share)
@@ -192,7 +214,7 @@ class Contact:
         assert state.contact is not None
         data = self._present(state)
         goal = replace(state, contact=data)
-        share = self.free_fraction(state, goal)
+        share = self.free_fraction(state, goal, KEEP)
         if share < 1.0:
             return replace(state, contact=_between(state.contact, data, share)), False
         change = float(np.max(np.linalg.norm(data.offsets - state.contact.offsets, axis=2)))

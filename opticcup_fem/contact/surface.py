@@ -68,7 +68,7 @@ class ContactSurface:
         self.triangles: NDArray[np.int32] = np.concatenate([inner, outer, rigid]).astype(np.int32)
         rest = self.map @ reference
         self.mesh = _collision_mesh(
-            np.concatenate([rest, rest, self._rigid.vertices]), self.triangles
+            np.concatenate([rest, rest, _shrunk(self._rigid, rest, cut.triangles)]), self.triangles
         )
         self.mesh.can_collide = self._filter(rest, cut.triangles, exempt)
         both = sparse.vstack(
@@ -135,6 +135,26 @@ def _collision_mesh(rest: Floats, triangles: NDArray[np.int32]) -> ipctk.Collisi
     mesh = ipctk.CollisionMesh(np.asfortranarray(rest), ipctk.edges(faces), faces)
     mesh.init_adjacencies()
     return mesh
+
+
+def _shrunk(rigid: ObstacleMesh, rest: Floats, triangles: NDArray[np.int32]) -> Floats:
+    """Return obstacles' vertices drawn together until their triangles are no larger than a face's.
+
+    The toolkit takes weights from the rest positions: a pair weighs as the area of its parts, and
+    the edge between the two large triangles of a plate would weigh as much as the plate.
+    """
+    if len(rigid.triangles) == 0:
+        return rigid.vertices
+    areas = [_areas(rest, triangles), _areas(rigid.vertices, rigid.triangles)]
+    shrink = min(1.0, float(np.sqrt(np.median(areas[0]) / areas[1].max())))
+    shrunk: Floats = shrink * rigid.vertices
+    return shrunk
+
+
+def _areas(vertices: Floats, triangles: NDArray[np.int32]) -> Floats:
+    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    areas: Floats = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+    return areas
 
 
 def vertex_sizes(vertices: Floats, triangles: NDArray[np.int32]) -> Floats:

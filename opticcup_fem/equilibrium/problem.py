@@ -24,6 +24,11 @@ MOST_STALE = 3.0
 """The tangent's pattern is made afresh when it holds this many times the contacts there are."""
 
 
+MEDIUM = 1e-4
+"""Stiffness per reference area, unit mu_IOV/R, of the medium that a shell beside obstacles floats
+in.  Points that are held instead would carry the obstacles' forces."""
+
+
 @dataclass(frozen=True)
 class Inertia:
     """Numbers of negative, zero and positive eigenvalues of a symmetric tangent."""
@@ -63,6 +68,9 @@ class Problem:
         self._split = 3 * shell.spaces.n_nodes
         self._map_cells()
         self._allocate()
+        self._springs: PETSc.Vec | None = None
+        if contact is not None and contact.has_obstacles:
+            self._springs = self._soft_springs()
         self._make_solver()
 
     def _map_cells(self) -> None:
@@ -231,14 +239,32 @@ class Problem:
     def _awake(self) -> Contact | None:
         return self.contact if self.awake else None
 
+    def _soft_springs(self) -> PETSc.Vec:
+        """Return the stiffness of the medium at the nodes, nought for angles (collective)."""
+        areas = np.repeat(self.shell.nodal_areas(), 3, axis=1)
+        angles = self.cell_unknowns.shape[1] - areas.shape[1]
+        cells = np.concatenate([areas, np.zeros((len(areas), angles))], axis=1)
+        springs = self.vector.duplicate()
+        self.assemble_vector(MEDIUM * cells, springs)
+        return springs
+
+    def _from_reference(self, state: ShellState) -> Array:
+        start = np.concatenate([self.shell.reference.ravel(), state.alpha.ravel()])
+        return self.global_values(state) - start[self._numbering.owned_local]
+
     def energy(self, state: ShellState) -> float:
-        """Return the energy of shell and contact (collective)."""
+        """Return the energy of shell, contact and medium (collective)."""
         contact, energy = self._awake(), self.shell.energy(state)
+        if self._springs is not None:
+            square = np.sum(self._springs.array_r * self._from_reference(state) ** 2)
+            energy += float(self.comm.allreduce(square)) / 2
         return energy if contact is None else energy + contact.energy(state)
 
     def assemble_gradient(self, cells: CondensedCells, state: ShellState, out: PETSc.Vec) -> None:
-        """Add up the gradient of cells and contact into ``out`` (collective)."""
+        """Add up the gradient of cells, contact and medium into ``out`` (collective)."""
         self.assemble_vector(cells.gradient, out)
+        if self._springs is not None:
+            out.array[:] += self._springs.array_r * self._from_reference(state)
         contact = self._awake()
         forces = None if contact is None else contact.gradient(state)
         if forces is not None:
@@ -297,7 +323,7 @@ class Problem:
     # --- tangent ------------------------------------------------------------------------------
 
     def assemble_tangent(self, cells: CondensedCells, far: sparse.csr_array | None = None) -> None:
-        """Assemble H from the condensed cells and contact (collective).
+        """Assemble H from the condensed cells, contact and medium (collective).
 
         Args:
             cells: The cells.
@@ -306,6 +332,8 @@ class Problem:
         if far is not None:
             self._make_room(far)
         self._assemble(self.matrix, cells.hessian, far)
+        if self._springs is not None:
+            self.add_diagonal(self._springs, 1.0)
 
     def _assemble(
         self, matrix: PETSc.Mat, cells: Array, far: sparse.csr_array | None = None

@@ -165,6 +165,11 @@ class Shell:
         self.weights = self.forms.quadrature_weights * self.spaces.det_j[:, None] * self.area_ref
         self.curvature_basis = self.spaces.curvature_table(points)
 
+    def nodal_areas(self) -> Array:
+        """Return the integral of each node's basis function over its cell, (n_cells, n_nodes)."""
+        points = self.forms.quadrature_points
+        return np.einsum("cq,qn->cn", self.weights, self.spaces.position_table(points))
+
     def _find_regions(self) -> list[_Region]:
         mesh = self.surface_mesh
         regions = []

@@ -98,7 +98,7 @@ class TouchWatch:
     def _localised(self, point: PathPoint, gap: float) -> dict[str, Any]:
         """Return the fields of the touch between the last state and this one (collective)."""
         low, low_gap, high, found = self._last, self._gap, point, self.nearest
-        if low is not None and not high.jump:
+        if low is not None and not high.jump and isinstance(self._stepping, LoadStepping):
             for _ in range(MOST_SOLVES):
                 if abs(gap) < CLOSE_ENOUGH:
                     break
