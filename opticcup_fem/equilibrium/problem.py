@@ -318,7 +318,7 @@ class Problem:
         # a new pattern needs a new factor, which needs its settings
         self.ksp.reset()
         self.ksp.setOperators(self.matrix)
-        self._configure(self.ksp)
+        self._configure(self.ksp, self.symmetric)
 
     # --- tangent ------------------------------------------------------------------------------
 
