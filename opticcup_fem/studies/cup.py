@@ -8,19 +8,26 @@ from mpi4py import MPI
 
 from opticcup_fem.case import Case
 from opticcup_fem.case.checks import require_cup
+from opticcup_fem.checkpoint import Checkpoint, delete_checkpoint
 from opticcup_fem.equilibrium.critical import CriticalPoint
 from opticcup_fem.equilibrium.path import PathPoint
-from opticcup_fem.errors import ClosureBreakdown, OpticCupError
+from opticcup_fem.errors import ClosureBreakdown, InterruptedRun, OpticCupError
 from opticcup_fem.shell.model import Shell
 from opticcup_fem.shell.recovery import capture, gather_nodes
 from opticcup_fem.studies.model import shell_of, stepping_of
 from opticcup_fem.studies.outcome import RunSummary, on_root
 from opticcup_fem.studies.progress import Progress, sentence
 from opticcup_fem.studies.recorder import Recorder, StateNumbers
+from opticcup_fem.studies.restart import Restart, StopSignals, read_for, require_written
 
 
 def run(
-    case: Case, out_dir: Path, *, quiet: bool = False, comm: MPI.Comm | None = None
+    case: Case,
+    out_dir: Path,
+    *,
+    quiet: bool = False,
+    comm: MPI.Comm | None = None,
+    resume: bool = False,
 ) -> RunSummary:
     """Grow the cup of a case from t_n = 0 to run.t_end (collective).
 
@@ -29,30 +36,61 @@ def run(
         out_dir: The run folder; an earlier run's records in it are replaced.
         quiet: No progress bar.
         comm: MPI communicator, all ranks by default.
+        resume: Go on with the interrupted run of this case in the folder.
 
     Raises:
-        CaseError: The shape is not a cup, or the folder cannot be written.
+        CaseError: The shape is not a cup, the folder cannot be written or is in use, or there is
+            nothing to resume.
+        InterruptedRun: SIGINT or SIGTERM arrived; the run stopped after its step.
         MeshError: The cup cannot be meshed as the case asks.
+        RecordError: A state could not be written; what was written before is kept.
     """
     require_cup(case, 'run.model = "surface" is')
     comm = comm or MPI.COMM_WORLD
     progress = Progress(case.run.t_end, shown=comm.rank == 0 and not quiet)
-    recorder = on_root(comm, lambda: Recorder(case, out_dir, progress))
+    saved = read_for(case, out_dir, comm) if resume else None
+    records = None if saved is None else saved.numbers["records"]
+    recorder = on_root(comm, lambda: Recorder(case, out_dir, progress, records))
+    try:
+        return _grow(case, out_dir, comm, progress, recorder, saved)
+    finally:
+        if recorder is not None:
+            recorder.folder.close()
+
+
+def _grow(
+    case: Case,
+    out_dir: Path,
+    comm: MPI.Comm,
+    progress: Progress,
+    recorder: Recorder | None,
+    saved: Checkpoint | None,
+) -> RunSummary:
+    """Follow the path and record it, from its beginning or from a checkpoint (collective)."""
     with progress.running():
         with progress.phase("meshing and compiling kernels"):
             shell = shell_of(case, comm)
             stepping = stepping_of(case, shell)
         stepping.count_iterations(progress.iteration)
+        restart = Restart(case, out_dir, shell, stepping)
         crossed = False
-        for point in stepping.follow(shell.reference_state(), case.run.t_end, case.output.times):
-            if not _record(recorder, shell, point):
-                crossed = True
-                break
+        with StopSignals(comm) as stop:
+            for point in restart.follow(saved, recorder):
+                crossed = not _record(recorder, shell, point)
+                if not crossed:
+                    restart.save(recorder)
+                require_written(comm, recorder, out_dir, point)
+                if crossed:
+                    break
+                if received := stop.received():
+                    folder = str(out_dir) if restart.possible else ""
+                    raise InterruptedRun(received, point.t_n, folder)
         failure = None if crossed else stepping.failure()
     summary = None
     if recorder is not None:
         _record_breakdown(recorder, failure)
         summary = _summary(recorder, out_dir, failure)
+        delete_checkpoint(out_dir)
     return comm.bcast(summary)
 
 
@@ -66,7 +104,8 @@ def _record(recorder: Recorder | None, shell: Shell, point: PathPoint) -> bool:
         numbers = StateNumbers(
             point.jump, point.iterations, point.negative_eigenvalues, point.residual, point.energy
         )
-        goes_on = recorder.accept(snapshot, numbers)
+        with recorder.noting_failures():
+            goes_on = recorder.accept(snapshot, numbers)
     return bool(shell.comm.bcast(goes_on))
 
 
@@ -80,7 +119,8 @@ def _record_critical(recorder: Recorder | None, shell: Shell, critical: Critical
     )
     shell.set_time(t_n)
     if recorder is not None and snapshot is not None and motion is not None:
-        recorder.critical(critical, snapshot, motion)
+        with recorder.noting_failures():
+            recorder.critical(critical, snapshot, motion)
 
 
 def _record_breakdown(recorder: Recorder, failure: OpticCupError | None) -> None:
