@@ -18,8 +18,10 @@ _PUBLIC = {
     "CaseError": "errors",
     "ClosureBreakdown": "errors",
     "ConvergenceError": "errors",
+    "InterruptedRun": "errors",
     "MeshError": "errors",
     "OpticCupError": "errors",
+    "RecordError": "errors",
 }
 _MODULES = ("theory",)
 

@@ -18,6 +18,7 @@ import opticcup_fem
 from opticcup_fem import cli_pictures, cli_studies
 from opticcup_fem.cli_tools import (
     FAILED_RUN,
+    INTERRUPTED,
     abort_all_ranks_on_a_bug,
     errors_as_one_line,
     one_error_for_all_ranks,
@@ -76,7 +77,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except (click.Abort, KeyboardInterrupt):
         if first_rank:
             typer.echo("interrupted", err=True)
-        code = FAILED_RUN
+        code = INTERRUPTED
     sys.exit(code)
 
 
@@ -91,10 +92,16 @@ def _options(
 
 @app.command()
 def run(
-    case_path: CasePath,
+    case_path: Annotated[
+        Path | None, typer.Argument(metavar="CASE.toml", hidden=True, show_default=False)
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option(metavar="DIR", help="Run folder; default results/ and the case's name."),
+    ] = None,
+    resume: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Go on with the interrupted run in this folder."),
     ] = None,
     set_: Overrides = [],
     model: Annotated[
@@ -108,13 +115,20 @@ def run(
     """
     with errors_as_one_line():
         overrides = [*set_, *([f"run.model={model}"] if model is not None else [])]
-        folder = Path("results") / case_path.stem if out is None else out
         with one_error_for_all_ranks():
-            case = _load(case_path, overrides)
+            if resume is not None:
+                folder = resume
+                case = _case_to_resume(resume, case_path, out, overrides)
+            elif case_path is None:
+                raise CaseError("name a case, CASE.toml, or an interrupted run with --resume DIR")
+            else:
+                folder = Path("results") / case_path.stem if out is None else out
+                case = _load(case_path, overrides)
             prepare_folder(folder)
         with abort_all_ranks_on_a_bug():
             grow = _study(case.run.model)
-            summary = grow(case, folder, quiet=quiet or not sys.stderr.isatty())
+            options = {"resume": True} if resume is not None else {}
+            summary = grow(case, folder, quiet=quiet or not sys.stderr.isatty(), **options)
         say(summary.message, err=not summary.ok)
         if not summary.ok:
             raise typer.Exit(FAILED_RUN)
@@ -204,6 +218,29 @@ def _study(model: str) -> Callable[..., RunSummary]:
     from opticcup_fem.studies import cup
 
     return cup.run
+
+
+def _case_to_resume(
+    folder: Path, case_path: Path | None, out: Path | None, overrides: Sequence[str]
+) -> Case:
+    """Return the case of an interrupted run; whatever else was given must agree with it."""
+    from opticcup_fem.records import CASE
+
+    if out is not None and out != folder:
+        raise CaseError(f"--resume {folder} writes there: leave --out {out} away")
+    if not (folder / CASE).is_file():
+        raise CaseError(f"{folder} holds no run to resume: there is no {CASE} in it")
+    case = _load(folder / CASE, [])
+    if (case_path or overrides) and _load(case_path or folder / CASE, overrides) != case:
+        raise CaseError(
+            f"{folder} holds the run of another case: resume it with --resume alone, or run this "
+            "case in another folder"
+        )
+    if case.run.model != "surface":
+        raise CaseError(
+            f'{folder}: runs with run.model = "{case.run.model}" are not resumed: run its case'
+        )
+    return case
 
 
 def _load(path: Path, overrides: Sequence[str]) -> Case:

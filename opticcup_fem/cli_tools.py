@@ -15,9 +15,9 @@ from pathlib import Path
 
 import typer
 
-from opticcup_fem.errors import CaseError, MeshError, OpticCupError
+from opticcup_fem.errors import CaseError, InterruptedRun, MeshError, OpticCupError
 
-FAILED_RUN, BAD_INPUT = 1, 2
+FAILED_RUN, BAD_INPUT, INTERRUPTED = 1, 2, 130
 
 
 def prepare_folder(folder: Path) -> None:
@@ -38,9 +38,15 @@ def errors_as_one_line() -> Iterator[None]:
     try:
         yield
     except OpticCupError as error:
-        say(f"error: {error}", err=True)
-        bad_input = isinstance(error, CaseError | MeshError)
-        raise typer.Exit(BAD_INPUT if bad_input else FAILED_RUN) from None
+        text = str(error) if isinstance(error, InterruptedRun) else f"error: {error}"
+        say(text, err=True)
+        raise typer.Exit(_exit_code(error)) from None
+
+
+def _exit_code(error: OpticCupError) -> int:
+    if isinstance(error, InterruptedRun):
+        return 128 + error.signal  # as shells report a signal: 130 after Ctrl-C
+    return BAD_INPUT if isinstance(error, CaseError | MeshError) else FAILED_RUN
 
 
 @contextmanager

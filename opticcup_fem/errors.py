@@ -22,6 +22,30 @@ class MeshError(OpticCupError):
     """A mesh could not be made, or does not fit the case."""
 
 
+class RecordError(OpticCupError):
+    """Results cannot be written, for example because the disk is full."""
+
+
+class InterruptedRun(OpticCupError):
+    """A run was asked to stop, and did after its present step."""
+
+    def __init__(self, signal: int, t_n: float, folder: str) -> None:
+        """Build the sentence from its fields.
+
+        Args:
+            signal: Number of the signal that asked.
+            t_n: Normalised time of the last accepted state.
+            folder: The run folder, "" where it cannot be resumed.
+        """
+        self.signal, self.t_n, self.folder = signal, t_n, folder
+        onward = f"; go on with: opticcup run --resume {folder}" if folder else ""
+        super().__init__(f"interrupted at t_n = {t_n:.6g}; everything up to there is kept{onward}")
+
+    def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+        """Pickle by fields: the default would hand the sentence to ``__init__``."""
+        return type(self), (self.signal, self.t_n, self.folder)
+
+
 class ConvergenceError(OpticCupError):
     """No equilibrium was found, although the step was cut as far as allowed."""
 

@@ -8,19 +8,23 @@ is cut short, the files in its folder are complete up to there.
 """
 
 import csv
+import errno
+import io
 import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self, TextIO
+from typing import TYPE_CHECKING, Any, BinaryIO, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from opticcup_fem.checkpoint import delete_checkpoint, plain
 from opticcup_fem.errors import CaseError
 from opticcup_fem.fields import replace_text, write_collection, write_fields
+from opticcup_fem.folder_lock import FolderLock
 from opticcup_fem.sampling import azimuths
 from opticcup_fem.sections import Meridians, Section, SectionPart
 from opticcup_fem.snapshot import Snapshot
@@ -40,10 +44,38 @@ AZIMUTHS = 8
 """Meridian sections of each state: four planes through the axis."""
 
 
+@dataclass(frozen=True)
+class Written:
+    """What a run had written when it could last be resumed.
+
+    Attributes:
+        rows: The rows of path.csv.
+        states: Number of states in the folder of states.
+        fields: t_n and name of the field files.
+        mode_fields: The same of the modes'.
+        sections: Number of states in sections.npz.
+        critical: Number of modes in critical.npz.
+    """
+
+    rows: Sequence[Mapping[str, Any]]
+    states: int = 0
+    fields: Sequence[tuple[float, str]] = ()
+    mode_fields: Sequence[tuple[float, str]] = ()
+    sections: int = 0
+    critical: int = 0
+
+
 class RunFolder:
     """Writes the records of one run.  To be used as a context manager, by one process only."""
 
-    def __init__(self, path: str | Path, case_text: str, *, overwrite: bool = False) -> None:
+    def __init__(
+        self,
+        path: str | Path,
+        case_text: str,
+        *,
+        overwrite: bool = False,
+        resumed: Written | None = None,
+    ) -> None:
         """Make the folder and write the case into it.
 
         Args:
@@ -51,32 +83,88 @@ class RunFolder:
             case_text: What case.toml shall say.
             overwrite: Whether an earlier run's records in the folder are deleted first; other
                 files in it are never touched.
+            resumed: Keep that much of the run in the folder, and go on from there.
 
         Raises:
-            CaseError: The folder cannot be made or written, or holds a run already.
+            CaseError: The folder cannot be made or written, is in use, or holds a run already.
         """
         self.path = Path(path)
-        if not overwrite and ((self.path / CASE).exists() or (self.path / PATH).exists()):
+        if not (overwrite or resumed) and (
+            (self.path / CASE).exists() or (self.path / PATH).exists()
+        ):
             raise CaseError(
                 f"{self.path} already holds a run: choose another folder, or allow overwriting it"
             )
-        try:
-            self.path.mkdir(parents=True, exist_ok=True)
-            self._clear()
-            (self.path / FIELDS).mkdir(exist_ok=True)
-            replace_text(self.path / CASE, case_text)
-            self._rows: TextIO = (self.path / PATH).open("w", newline="", encoding="utf-8")
-        except OSError as error:
-            raise CaseError(
-                f"the run folder {self.path} cannot be written ({error.strerror}): choose another"
-            ) from error
         self._columns: tuple[str, ...] = ()
         self._fields: list[tuple[float, str]] = []
         self._mode_fields: list[tuple[float, str]] = []
         self._sections: list[tuple[float, tuple[Section, ...]]] = []
+        self._critical: dict[str, NDArray[Any]] = {}
         self._meridians: Meridians | None = None
         self.write_state = StateWriter(self.path / STATES)
-        self.write_events([])
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            self._lock = FolderLock(self.path)
+        except OSError as error:
+            raise self._unusable(error) from error
+        try:
+            (self.path / FIELDS).mkdir(exist_ok=True)
+            if resumed is None:
+                self._clear()
+                replace_text(self.path / CASE, case_text)
+                replace_text(self.path / PATH, "")
+                self.write_events([])
+            else:
+                self._keep(resumed)
+            # unbuffered: a row is in the file or, where there is no room for it, is not
+            self._rows: BinaryIO = (self.path / PATH).open("ab", buffering=0)
+        except OSError as error:
+            self._lock.release()
+            raise self._unusable(error) from error
+
+    def _unusable(self, error: OSError) -> CaseError:
+        return CaseError(
+            f"the run folder {self.path} cannot be written ({error.strerror}): choose another"
+        )
+
+    def _keep(self, written: Written) -> None:
+        """Cut the records off behind what a run had written."""
+        if written.rows:
+            self._columns = tuple(written.rows[0])
+        lines = [self._columns, *(self._cells(row) for row in written.rows)]
+        replace_text(self.path / PATH, "".join(map(_csv_line, lines)))
+        self._fields = [(float(t_n), name) for t_n, name in written.fields]
+        self._mode_fields = [(float(t_n), name) for t_n, name in written.mode_fields]
+        kept = {name for _, name in [*self._fields, *self._mode_fields]}
+        for file in (self.path / FIELDS).glob("*.vtu"):
+            if f"{FIELDS}/{file.name}" not in kept:
+                file.unlink()
+        for name, files in ((COLLECTION, self._fields), (MODE_COLLECTION, self._mode_fields)):
+            if files:
+                write_collection(self.path / name, files)
+            else:
+                (self.path / name).unlink(missing_ok=True)
+        self.write_state.keep(written.states)
+        if written.sections:
+            states = read_sections(self.path)[: written.sections]
+            self._sections = [(state.t_n, state.sections) for state in states]
+        if written.critical:
+            with np.load(self.path / CRITICAL) as arrays:
+                self._critical = {
+                    name: values if name == "triangles" else values[: written.critical]
+                    for name, values in arrays.items()
+                }
+
+    def written(self, rows: Sequence[Mapping[str, Any]]) -> Written:
+        """Return how much there is, to resume from; ``rows`` are those that were appended."""
+        return Written(
+            rows,
+            self.write_state.count,
+            tuple(self._fields),
+            tuple(self._mode_fields),
+            len(self._sections),
+            len(self._critical.get("t_n", ())),
+        )
 
     def __enter__(self) -> Self:
         """Return the folder itself."""
@@ -92,11 +180,13 @@ class RunFolder:
         self.close()
 
     def close(self) -> None:
-        """Close path.csv."""
+        """Close path.csv and give the folder back."""
         self._rows.close()
+        self._lock.release()
 
     def _clear(self) -> None:
         """Delete an earlier run's records."""
+        delete_checkpoint(self.path)
         pictures = (SUMMARY, COMPARISON, SOLID, BIFURCATION, CRITICAL_PICTURE, MOVIE, VIEW)
         modes = (MODES, MODE_COLLECTION, CRITICAL)
         names = (CASE, PATH, EVENTS, SECTIONS, COLLECTION, *modes, *pictures)
@@ -106,27 +196,38 @@ class RunFolder:
         clear_states(self.path / STATES)
 
     def append(self, row: Mapping[str, Any]) -> None:
-        """Append one row to path.csv and flush it.
+        """Append one row to path.csv, wholly or not at all.
 
         Args:
             row: Column names and values; the first row decides the columns.
 
         Raises:
             ValueError: The row's columns are not those of the first row.
+            OSError: There is no room for it.
         """
-        writer = csv.writer(self._rows, lineterminator="\n")
+        text = ""
         if not self._columns:
             self._columns = tuple(row)
-            writer.writerow(self._columns)
+            text = _csv_line(self._columns)
+        data = (text + _csv_line(self._cells(row))).encode()
+        size = self._rows.seek(0, os.SEEK_END)
+        try:
+            if self._rows.write(data) < len(data):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        except OSError:
+            self._rows.truncate(size)
+            raise
+
+    def _cells(self, row: Mapping[str, Any]) -> list[str]:
+        """Return a row as path.csv spells it, in the order of the columns."""
         if set(row) != set(self._columns):
             different = sorted(set(row) ^ set(self._columns))
             raise ValueError(f"a row of path.csv has other columns than the first: {different}")
-        writer.writerow([_cell(row[name]) for name in self._columns])
-        self._rows.flush()
+        return [_cell(row[name]) for name in self._columns]
 
     def write_events(self, events: Sequence[Mapping[str, Any]]) -> None:
         """Replace events.json."""
-        text = json.dumps(list(events), indent=2, allow_nan=False, default=_plain)
+        text = json.dumps(list(events), indent=2, allow_nan=False, default=plain)
         replace_text(self.path / EVENTS, text + "\n")
 
     def write_fields(self, snapshot: Snapshot) -> Path:
@@ -160,9 +261,16 @@ class RunFolder:
         """Replace modes.npz, the critical modes of an axisymmetric path."""
         self._write_arrays(MODES, arrays)
 
-    def write_critical(self, **arrays: NDArray[Any]) -> None:
-        """Replace critical.npz, the critical modes of a surface run."""
-        self._write_arrays(CRITICAL, arrays)
+    def append_critical(self, **arrays: NDArray[Any]) -> None:
+        """Add a critical mode of a surface run to critical.npz; its triangles are all modes'."""
+        earlier = self._critical
+        self._critical = {
+            name: values
+            if name == "triangles" or not earlier
+            else np.concatenate([earlier[name], values])
+            for name, values in arrays.items()
+        }
+        self._write_arrays(CRITICAL, self._critical)
 
     def _write_arrays(self, name: str, arrays: Mapping[str, NDArray[Any]]) -> None:
         unfinished = self.path / f".{name}"
@@ -180,11 +288,11 @@ def _cell(value: Any) -> str:
     return "" if value is None else str(value)
 
 
-def _plain(value: Any) -> Any:
-    """Return a NumPy value as JSON knows it."""
-    if isinstance(value, np.generic | np.ndarray):
-        return value.tolist()
-    raise TypeError(f"events.json cannot hold {value!r}")
+def _csv_line(cells: Sequence[str]) -> str:
+    """Return one line of path.csv, "" for no cells."""
+    line = io.StringIO()
+    csv.writer(line, lineterminator="\n").writerow(cells)
+    return line.getvalue() if cells else ""
 
 
 def _stacked(states: Sequence[tuple[float, tuple[Section, ...]]]) -> dict[str, NDArray[Any]]:

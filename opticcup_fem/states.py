@@ -10,7 +10,6 @@ stresses) is kept in single precision, the faces as heights over the middle surf
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
@@ -22,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from opticcup_fem.errors import CaseError
+from opticcup_fem.hdf5_files import new_file
 from opticcup_fem.snapshot import NODES, Floats, Integers, Snapshot, cell_tangents
 
 STATES, MESH = "states", "mesh.h5"
@@ -32,12 +32,24 @@ _SMALL: dict[str, Any] = {"dtype": "f4", "compression": "gzip", "compression_opt
 
 
 class StateWriter:
-    """Writes the states of one run, one after the other; lives on one process."""
+    """Writes the states of one run, one after the other; lives on one process.
+
+    Attributes:
+        count: Number of states written.
+    """
 
     def __init__(self, folder: Path) -> None:
         """Take the folder of the states; it is made with the first of them."""
         self.folder = folder
-        self._count = 0
+        self.count = 0
+
+    def keep(self, count: int) -> None:
+        """Go on behind the first ``count`` states in the folder; later ones are deleted."""
+        self.count = count
+        kept = {f"{k:05d}.h5" for k in range(count)} | {MESH}
+        for file in self.folder.glob("*.h5"):
+            if file.name not in kept:
+                file.unlink()
 
     def __call__(self, snapshot: Snapshot, *, jump: bool = False) -> Path:
         """Write a state, and before the first one what all share; return the state's file.
@@ -46,15 +58,15 @@ class StateWriter:
             snapshot: The state, on the mesh of the first.
             jump: Whether the shell jumped onto this state from the one before.
         """
-        if self._count == 0:
+        if self.count == 0:
             self.folder.mkdir(exist_ok=True)
-            with _new_file(self.folder / MESH) as file:
+            with new_file(self.folder / MESH) as file:
                 _put_mesh(file, snapshot)
-        path = self.folder / f"{self._count:05d}.h5"
-        with _new_file(path) as file:
+        path = self.folder / f"{self.count:05d}.h5"
+        with new_file(path) as file:
             file.attrs.update({"format": FORMAT, "t_n": float(snapshot.t_n), "jump": jump})
             _put_state(file, snapshot)
-        self._count += 1
+        self.count += 1
         return path
 
 
@@ -64,15 +76,6 @@ def clear_states(folder: Path) -> None:
         file.unlink()
     if folder.is_dir() and not any(folder.iterdir()):
         folder.rmdir()
-
-
-@contextmanager
-def _new_file(path: Path) -> Iterator[h5py.File]:
-    """Yield a file that gets its name once it is complete."""
-    unfinished = path.with_name(f".{path.name}")
-    with h5py.File(unfinished, "w") as file:
-        yield file
-    os.replace(unfinished, path)
 
 
 def _put_mesh(file: h5py.File, snapshot: Snapshot) -> None:

@@ -70,12 +70,32 @@ class PathEnd:
     attempt: Solution | Relaxed
 
 
+@dataclass(frozen=True)
+class SteppingState:
+    """All that the path beyond an accepted point depends on.
+
+    Attributes:
+        point: The point.
+        accepted: Number of accepted steps.
+        dt: Length of the next step, unless the history limits it.
+        states: Normalised times and states of the last points, up to three.
+        blocked: Signed time that a step failed to reach, inf for none.
+    """
+
+    point: PathPoint
+    accepted: int
+    dt: float
+    states: tuple[tuple[float, ShellState], ...]
+    blocked: float
+
+
 class LoadStepping:
     """Follows stable equilibria as growth goes on, or as it is undone.
 
     Attributes:
         end: Set when the path could not be followed to its end.
         accepted: Number of accepted steps.
+        present: What the path beyond the last point that was yielded depends on.
     """
 
     def __init__(
@@ -106,6 +126,7 @@ class LoadStepping:
         self.end: PathEnd | None = None
         self.accepted = 0
         self._may_descend = True
+        self.present: SteppingState | None = None
 
     def count_iterations(self, count: Callable[[], None]) -> None:
         """Have ``count`` called at every Newton iteration and relaxation step."""
@@ -135,6 +156,7 @@ class LoadStepping:
         t_end: float,
         times: Sequence[float] = (),
         t_start: float = 0.0,
+        resumed: SteppingState | None = None,
     ) -> Iterator[PathPoint]:
         """Yield the accepted states from ``t_start`` to ``t_end``, exactly at ``times`` too.
 
@@ -143,17 +165,23 @@ class LoadStepping:
             t_end: Last normalised time; growth is undone where it is less than ``t_start``.
             times: Normalised times to land on.
             t_start: First normalised time.
+            resumed: Go on from there instead; its point is not yielded again.
         """
         control = self.control
         course = Course(t_start, t_end, times)
-        first = self._attempt(t_start, state, None)
-        if first.point is None:
-            self.end = PathEnd(t_start, first.solution)
-            return
-        point = first.point
-        yield point
-        dt, spent = control.initial, 0
-        history = History(self.problem, course, point.t_n, self._remembered(point))
+        if resumed is not None:
+            point, dt, self.accepted = resumed.point, resumed.dt, resumed.accepted
+            history = History.restored(self.problem, course, resumed.states, resumed.blocked)
+        else:
+            first = self._attempt(t_start, state, None)
+            if first.point is None:
+                self.end = PathEnd(t_start, first.solution)
+                return
+            point, dt = first.point, control.initial
+            history = History(self.problem, course, point.t_n, self._remembered(point))
+            self._note(point, dt, history)
+            yield point
+        spent = 0
         while not course.is_over(point.t_n):
             step = history.limited(dt, control.smallest)
             target, step = course.next(point.t_n, step)
@@ -180,6 +208,7 @@ class LoadStepping:
             self._may_descend = True
             spent = 0
             self.problem.shell.set_time(point.t_n)
+            self._note(point, dt, history)
             yield point
 
     def between(self, low: PathPoint, high: PathPoint, t_n: float) -> PathPoint | None:
@@ -190,6 +219,11 @@ class LoadStepping:
         share = (t_n - low.t_n) / (high.t_n - low.t_n)
         guess = low.state.plus(high.state.minus(low.state), share)
         return self._attempt(t_n, self.problem.with_mean_directors(guess, low.state), low).point
+
+    def _note(self, point: PathPoint, dt: float, history: History) -> None:
+        """Note what the path beyond a point depends on."""
+        states = tuple(history.states)
+        self.present = SteppingState(point, self.accepted, dt, states, history.blocked)
 
     def _attempt(self, t_n: float, guess: ShellState, before: PathPoint | None) -> Attempt:
         """Solve at ``t_n``; accept what is converged, near and stable enough (collective)."""

@@ -100,6 +100,27 @@ class History:
         self._passed = [(t_n, state)]
         self._blocked = math.inf
 
+    @classmethod
+    def restored(
+        cls,
+        problem: Problem,
+        course: Course,
+        states: Sequence[tuple[float, ShellState]],
+        blocked: float,
+    ) -> History:
+        """Return the history of an interrupted path from its last ``states`` and ``blocked``."""
+        (t_n, first), *later = states
+        history = cls(problem, course, t_n, first)
+        for time, state in later:
+            history.add(time, state)
+        history._blocked = blocked
+        return history
+
+    @property
+    def blocked(self) -> float:
+        """Signed time that a step failed to reach, which grows along the path; inf for none."""
+        return self._blocked
+
     def add(self, t_n: float, state: ShellState) -> None:
         """Append an accepted state; the last three serve the next step, twelve a leap."""
         self._points = [*self._points[-2:], (t_n, state)]

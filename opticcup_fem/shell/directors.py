@@ -56,6 +56,20 @@ class EdgeDirectors:
         flat = field.reshape(-1, *field.shape[2:])
         return flat[self._slots]
 
+    def from_cells(self, values: Array) -> Array:
+        """Return the edge field that the cells see as ``values``, the inverse of ``per_cell``.
+
+        Args:
+            values: Shape (n_cells, 3, k, ...), equal on both sides of an edge.
+
+        Returns:
+            Shape (n_edges, k, ...).
+        """
+        shape = values.shape[3:]
+        flat = np.zeros((self._spaces.n_edges * self._spaces.degree, *shape))
+        flat[self._slots] = values
+        return flat.reshape(-1, self._spaces.degree, *shape)
+
     def _base_vectors(self, r: Array) -> Array:
         """Return r_,a at the edges' Gauss points as the cells see them, (cells, 3, k, 2, 3)."""
         spaces = self._spaces

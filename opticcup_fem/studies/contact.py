@@ -53,15 +53,29 @@ class TouchWatch:
         nearest: The nearest parts of the last state, on rank 0; None where none is near.
     """
 
-    def __init__(self, case: Case, shell: Shell, stepping: LoadStepping | BranchStepping) -> None:
-        """Watch a path."""
+    def __init__(
+        self,
+        case: Case,
+        shell: Shell,
+        stepping: LoadStepping | BranchStepping,
+        *,
+        touched: bool = False,
+    ) -> None:
+        """Watch a path.
+
+        Args:
+            case: The case.
+            shell: Its shell.
+            stepping: What follows the path.
+            touched: Whether the first touch has been seen already.
+        """
         self._shell, self._stepping, self._h = shell, stepping, case.shape.thickness
         self._alpha = case.shape.opening_angle
         self._reach = case.contact.distance if case.contact.mode == "resist" else 0.0
         self._meter: TouchMeter | None = None
         self._last: PathPoint | None = None
         self._gap: float | None = None
-        self._touched = False
+        self._touched = touched
         self.nearest: Nearest | None = None
 
     def measure(self, snapshot: Snapshot) -> Nearest | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,23 +31,24 @@ class CriticalMode:
     content: AzimuthalContent
 
 
-def critical_arrays(modes: Sequence[CriticalMode]) -> dict[str, NDArray[Any]]:
-    """Return the arrays of critical.npz.
+def critical_arrays(one: CriticalMode) -> dict[str, NDArray[Any]]:
+    """Return the arrays of critical.npz for one mode; those of k modes are concatenated.
 
     ``t_n``, ``kind``, ``wavenumber`` and ``purity`` have shape (k,), ``interface`` (k, 9) and
     ``shares`` (k, n_m); the surface is that of ``triangles`` (n_triangles, 3), its vertices at
     ``position`` and moved along ``mode``, each (k, n_vertices, 3).
     """
-    first = modes[0].snapshot
-    surface = subdivide(first.cells, 3, orientation=first.orientation)
-    return {
-        "t_n": np.array([one.t_n for one in modes]),
-        "kind": np.array([one.kind for one in modes]),
-        "wavenumber": np.array([one.content.wavenumber for one in modes]),
-        "purity": np.array([one.content.purity for one in modes]),
-        "interface": np.array([one.content.interface for one in modes]),
-        "shares": np.array([one.content.shares for one in modes]),
-        "triangles": surface.triangles,
-        "position": np.array([surface.matrix @ one.snapshot.position for one in modes]),
-        "mode": np.array([surface.matrix @ one.motion for one in modes]),
+    snapshot = one.snapshot
+    surface = subdivide(snapshot.cells, 3, orientation=snapshot.orientation)
+    each = {
+        "t_n": one.t_n,
+        "kind": one.kind,
+        "wavenumber": one.content.wavenumber,
+        "purity": one.content.purity,
+        "interface": one.content.interface,
+        "shares": one.content.shares,
+        "position": surface.matrix @ snapshot.position,
+        "mode": surface.matrix @ one.motion,
     }
+    arrays = {name: np.array([value]) for name, value in each.items()}
+    return {**arrays, "triangles": surface.triangles}

@@ -8,10 +8,11 @@ from mpi4py import MPI
 
 from opticcup_fem.case import Case
 from opticcup_fem.case.checks import require_cup
+from opticcup_fem.checkpoint import Checkpoint, delete_checkpoint
 from opticcup_fem.contact.report import contact_report
 from opticcup_fem.equilibrium.critical import CriticalPoint
 from opticcup_fem.equilibrium.path import PathPoint
-from opticcup_fem.errors import ClosureBreakdown, OpticCupError
+from opticcup_fem.errors import ClosureBreakdown, InterruptedRun, OpticCupError
 from opticcup_fem.shell.model import Shell
 from opticcup_fem.shell.recovery import capture, gather_nodes
 from opticcup_fem.studies.contact import TouchWatch
@@ -19,10 +20,16 @@ from opticcup_fem.studies.model import Stepping, shell_of, stepping_of
 from opticcup_fem.studies.outcome import RunSummary, on_root
 from opticcup_fem.studies.progress import Progress, sentence
 from opticcup_fem.studies.recorder import ContactNumbers, Recorder, StateNumbers
+from opticcup_fem.studies.restart import Restart, StopSignals, read_for, require_written
 
 
 def run(
-    case: Case, out_dir: Path, *, quiet: bool = False, comm: MPI.Comm | None = None
+    case: Case,
+    out_dir: Path,
+    *,
+    quiet: bool = False,
+    comm: MPI.Comm | None = None,
+    resume: bool = False,
 ) -> RunSummary:
     """Grow the cup of a case from t_n = 0 to run.t_end (collective).
 
@@ -31,32 +38,67 @@ def run(
         out_dir: The run folder; an earlier run's records in it are replaced.
         quiet: No progress bar.
         comm: MPI communicator, all ranks by default.
+        resume: Go on with the interrupted run of this case in the folder.
 
     Raises:
-        CaseError: The shape is not a cup, the folder cannot be written, or an obstacle overlaps
-            the shell at the start.
+        CaseError: The shape is not a cup, the folder cannot be written or is in use, there is
+            nothing to resume, or an obstacle overlaps the shell at the start.
+        InterruptedRun: SIGINT or SIGTERM arrived; the run stopped after its step.
         MeshError: The cup cannot be meshed as the case asks.
+        RecordError: A state could not be written; what was written before is kept.
     """
     require_cup(case, 'run.model = "surface" is')
     comm = comm or MPI.COMM_WORLD
     progress = Progress(case.run.t_end, shown=comm.rank == 0 and not quiet)
-    recorder = on_root(comm, lambda: Recorder(case, out_dir, progress))
+    saved = read_for(case, out_dir, comm) if resume else None
+    records = None if saved is None else saved.numbers["records"]
+    recorder = on_root(comm, lambda: Recorder(case, out_dir, progress, records))
+    try:
+        return _grow(case, out_dir, comm, progress, recorder, saved)
+    finally:
+        if recorder is not None:
+            recorder.folder.close()
+
+
+def _grow(
+    case: Case,
+    out_dir: Path,
+    comm: MPI.Comm,
+    progress: Progress,
+    recorder: Recorder | None,
+    saved: Checkpoint | None,
+) -> RunSummary:
+    """Follow the path and record it, from its beginning or from a checkpoint (collective)."""
     with progress.running():
         with progress.phase("meshing and compiling kernels"):
             shell = shell_of(case, comm)
             stepping = stepping_of(case, shell)
         stepping.count_iterations(progress.iteration)
-        watch = None if case.contact.mode == "off" else TouchWatch(case, shell, stepping)
+        restart = Restart(case, out_dir, shell, stepping)
+        touched = (
+            any(one["kind"] == "self_contact" for one in recorder.recorded) if recorder else False
+        )
+        watch = None
+        if case.contact.mode != "off":
+            watch = TouchWatch(case, shell, stepping, touched=bool(comm.bcast(touched)))
         ended = False
-        for point in stepping.follow(shell.reference_state(), case.run.t_end, case.output.times):
-            if not _record(recorder, stepping, point, watch):
-                ended = True
-                break
+        with StopSignals(comm) as stop:
+            for point in restart.follow(saved, recorder):
+                ended = not _record(recorder, stepping, point, watch)
+                if not ended:
+                    restart.save(recorder)
+                require_written(comm, recorder, out_dir, point)
+                if ended:
+                    break
+                if received := stop.received():
+                    folder = str(out_dir) if restart.possible else ""
+                    raise InterruptedRun(received, point.t_n, folder)
         failure = None if ended else stepping.failure()
     summary = None
     if recorder is not None:
         _record_breakdown(recorder, failure)
         summary = _summary(recorder, out_dir, failure)
+        delete_checkpoint(out_dir)
     return comm.bcast(summary)
 
 
@@ -76,7 +118,8 @@ def _record(
             point.jump, point.iterations, point.negative_eigenvalues, point.residual, point.energy
         )
         nearest = None if watch is None else watch.nearest
-        goes_on = recorder.accept(snapshot, numbers, ContactNumbers(nearest, touch, report))
+        with recorder.noting_failures():
+            goes_on = recorder.accept(snapshot, numbers, ContactNumbers(nearest, touch, report))
     return bool(shell.comm.bcast(goes_on))
 
 
@@ -90,7 +133,8 @@ def _record_critical(recorder: Recorder | None, shell: Shell, critical: Critical
     )
     shell.set_time(t_n)
     if recorder is not None and snapshot is not None and motion is not None:
-        recorder.critical(critical, snapshot, motion)
+        with recorder.noting_failures():
+            recorder.critical(critical, snapshot, motion)
 
 
 def _record_breakdown(recorder: Recorder, failure: OpticCupError | None) -> None:

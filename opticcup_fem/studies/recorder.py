@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +17,9 @@ from opticcup_fem.crossing import Crossing, surface_check
 from opticcup_fem.equilibrium.critical import CriticalPoint
 from opticcup_fem.events import Event, detect_events, event, with_limit_points
 from opticcup_fem.observables import Observer
-from opticcup_fem.records import RunFolder
-from opticcup_fem.snapshot import Floats, Snapshot
+from opticcup_fem.records import RunFolder, Written
+from opticcup_fem.reordering import Reordering
+from opticcup_fem.snapshot import Floats, Integers, Snapshot
 from opticcup_fem.studies.critical_modes import CriticalMode, critical_arrays
 from opticcup_fem.studies.progress import Progress
 from opticcup_fem.theory.prediction import cap_curvature_of_case
@@ -58,23 +61,79 @@ class ContactNumbers:
 
 
 class Recorder:
-    """Writes a run folder from snapshots; lives on one process."""
+    """Writes a run folder from snapshots; lives on one process.
 
-    def __init__(self, case: Case, out_dir: Path, progress: Progress) -> None:
+    Attributes:
+        rows: The rows of path.csv.
+        recorded: Events that the run itself knows.
+        failed: The first failure to write, None for none.
+    """
+
+    def __init__(
+        self,
+        case: Case,
+        out_dir: Path,
+        progress: Progress,
+        resumed: Mapping[str, Any] | None = None,
+    ) -> None:
         """Open the folder.
 
+        Args:
+            case: The case.
+            out_dir: The run folder.
+            progress: Where events are announced.
+            resumed: What ``present`` gave when the run in the folder could last be resumed.
+
         Raises:
-            CaseError: The folder cannot be written.
+            CaseError: The folder cannot be written, or is in use.
         """
         self.case, self.progress = case, progress
-        self.folder = RunFolder(out_dir, case_to_toml(case, versions()), overwrite=True)
         self.rows: list[dict[str, Any]] = []
         self.recorded: list[Event] = []
         self._announced: set[str] = set()
-        self._observer: Observer | None = None
-        self._last: Snapshot | None = None
-        self._modes: list[CriticalMode] = []
         self._last_sectioned = False
+        self._observer: Observer | None = None
+        self._reordering: Reordering | None = None
+        self._last: Snapshot | None = None
+        self.failed: OSError | None = None
+        written = None
+        if resumed is not None:
+            written = Written(**resumed["written"])
+            self.rows = [dict(row) for row in written.rows]
+            self.recorded = [dict(one) for one in resumed["recorded"]]
+            self._announced = set(resumed["announced"])
+            self._last_sectioned = bool(resumed["last_sectioned"])
+        text = case_to_toml(case, versions())
+        self.folder = RunFolder(out_dir, text, overwrite=True, resumed=written)
+        self._has_modes = written is not None and written.critical > 0
+        if resumed is not None:
+            self.folder.write_events(self.events())
+
+    @contextmanager
+    def noting_failures(self) -> Iterator[None]:
+        """Note a failure to write in the context: no rank may be left alone in a collective."""
+        try:
+            yield
+        except OSError as error:
+            self.failed = self.failed or error
+
+    def present(self) -> dict[str, Any]:
+        """Return what the records to come depend on, as JSON knows it."""
+        return {
+            "written": asdict(self.folder.written(self.rows)),
+            "recorded": self.recorded,
+            "announced": sorted(self._announced),
+            "last_sectioned": self._last_sectioned,
+        }
+
+    def continue_from(self, last: Snapshot) -> None:
+        """Take the last recorded state, which a jump may want to show."""
+        self._last = last
+        self.progress.step(last.t_n)
+
+    def order_cells(self, snapshot: Snapshot, order: Integers) -> None:
+        """Write cells in an ``order``, shape (n_cells,), from now on; ``snapshot`` is any state."""
+        self._reordering = Reordering(snapshot, order)
 
     def accept(
         self, snapshot: Snapshot, numbers: StateNumbers, contact: ContactNumbers | None = None
@@ -103,7 +162,7 @@ class Recorder:
                 self._end_in_contact(row, crossing)
                 return False
         if self.case.output.states:
-            self.folder.write_state(snapshot, jump=numbers.jump)
+            self.folder.write_state(self._ordered(snapshot), jump=numbers.jump)
         self.folder.append(row)
         self.rows.append(row)
         self._write_state(snapshot, numbers.jump)
@@ -132,8 +191,11 @@ class Recorder:
         self.recorded.append(event(kind, how, point.t_n, self._kappa(point.t_n), **fields))
         if self.case.output.fields:
             self.folder.write_mode_fields(snapshot, motion)
-        self._modes.append(CriticalMode(point.t_n, kind, snapshot, motion, point.content))
-        self.folder.write_critical(**critical_arrays(self._modes))
+        if self._reordering is not None:
+            snapshot, motion = self._ordered(snapshot), self._reordering.at_nodes(motion)
+        mode = CriticalMode(point.t_n, kind, snapshot, motion, point.content)
+        self.folder.append_critical(**critical_arrays(mode))
+        self._has_modes = True
 
     def breakdown(self, closure: str, t_n: float, fields: dict[str, Any]) -> None:
         """Record that the closure broke down at ``t_n``."""
@@ -150,7 +212,7 @@ class Recorder:
             from opticcup_fem.plots.summary import summary
 
             summary(self.folder.path)
-            if self._modes:
+            if self._has_modes:
                 from opticcup_fem.plots.critical import critical
 
                 critical(self.folder.path)
@@ -159,6 +221,9 @@ class Recorder:
     def events(self) -> list[Event]:
         """Return the events so far."""
         return with_limit_points(detect_events(self.rows, self.recorded, curvature=self._kappa))
+
+    def _ordered(self, snapshot: Snapshot) -> Snapshot:
+        return snapshot if self._reordering is None else self._reordering(snapshot)
 
     def _kappa(self, t_n: float) -> float:
         return float(cap_curvature_of_case(self.case, np.float64(t_n)))

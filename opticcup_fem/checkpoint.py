@@ -1,0 +1,104 @@
+"""The file from which an interrupted run goes on: ``checkpoint.h5`` in its folder.
+
+It is written whole under another name and then takes the place of the one before, so that whatever
+ends a run leaves a checkpoint that can be read.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from opticcup_fem.errors import CaseError
+from opticcup_fem.hdf5_files import new_file
+
+CHECKPOINT = "checkpoint.h5"
+FORMAT = 1
+"""Number of this layout of the file; readers refuse others."""
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """What a run depends on beyond a state.
+
+    Attributes:
+        case: The case, as JSON.
+        numbers: Numbers and records, as JSON knows them.
+        states: Arrays of each state, the last one last.
+        corners: Vertices of the mesh's cells, shape (n, 3, 3), to which the arrays belong.
+    """
+
+    case: str
+    numbers: Mapping[str, Any]
+    states: tuple[Mapping[str, NDArray[np.float64]], ...]
+    corners: NDArray[np.float64]
+
+
+def write_checkpoint(folder: Path, checkpoint: Checkpoint) -> None:
+    """Replace a folder's checkpoint.
+
+    Raises:
+        OSError: The file cannot be written; the one before is still there.
+    """
+    with new_file(folder / CHECKPOINT) as file:
+        file.attrs["format"] = FORMAT
+        file["case"] = checkpoint.case
+        file["numbers"] = json.dumps(checkpoint.numbers, default=plain)
+        file["corners"] = checkpoint.corners
+        for k, arrays in enumerate(checkpoint.states):
+            for name, values in arrays.items():
+                file[f"states/{k}/{name}"] = values
+
+
+def read_checkpoint(folder: Path) -> Checkpoint:
+    """Return a folder's checkpoint.
+
+    Raises:
+        CaseError: There is none, or it cannot be used.
+    """
+    path = folder / CHECKPOINT
+    if not path.exists():
+        raise CaseError(
+            f"{folder} has no {CHECKPOINT}, so there is nothing to resume: its run is finished, or "
+            "was stopped before its first state, or is of a kind that is not resumed; run its case"
+        )
+    try:
+        with h5py.File(path, "r") as file:
+            found = file.attrs.get("format")
+            if found != FORMAT:
+                raise CaseError(
+                    f"{path} is of layout {found}, and this version resumes layout {FORMAT} only: "
+                    "resume it with the version named in case.toml, or run the case again"
+                )
+            states = file["states"]
+            return Checkpoint(
+                case=file["case"].asstr()[()],
+                numbers=json.loads(file["numbers"].asstr()[()]),
+                states=tuple(
+                    {name: values[()] for name, values in states[str(k)].items()}
+                    for k in range(len(states))
+                ),
+                corners=file["corners"][()],
+            )
+    except (OSError, KeyError) as error:
+        raise CaseError(f"{path} is no checkpoint of a run ({error}): run its case again") from None
+
+
+def delete_checkpoint(folder: Path) -> None:
+    """Delete a folder's checkpoint, and an unfinished one."""
+    for name in (CHECKPOINT, f".{CHECKPOINT}"):
+        (folder / name).unlink(missing_ok=True)
+
+
+def plain(value: Any) -> Any:
+    """Return a NumPy value as JSON knows it."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    raise TypeError(f"JSON cannot hold {value!r}")
