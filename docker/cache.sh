@@ -86,7 +86,7 @@ prune() {
 
 # `opticcup` is a script that imports by PYTHONPATH, hence always the checkout that calls.
 write_command() {
-    printf '#!%s/bin/python3\nimport sys\n\nfrom opticcup_fem.cli import main\n\nsys.exit(main())\n' \
+    printf '#!%s/bin/python3\nimport sys\n\nfrom opticcup_fem.cli import main\n\nif __name__ == "__main__":\n    sys.exit(main())\n' \
         "$2" >"$1/bin/opticcup"
     chmod +x "$1/bin/opticcup"
 }

@@ -15,7 +15,7 @@ import click
 import typer
 
 import opticcup_fem
-from opticcup_fem import cli_pictures
+from opticcup_fem import cli_pictures, cli_studies
 from opticcup_fem.cli_tools import (
     FAILED_RUN,
     abort_all_ranks_on_a_bug,
@@ -41,7 +41,9 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-for command in (cli_pictures.movie, cli_pictures.view, cli_pictures.pair):
+STUDIES = (cli_studies.sweep, cli_studies.reproduce, cli_studies.predict)
+PICTURES = (cli_pictures.movie, cli_pictures.view, cli_pictures.pair)
+for command in (*STUDIES, *PICTURES):
     app.command()(command)
 
 CasePath = Annotated[Path, typer.Argument(metavar="CASE.toml", hidden=True)]

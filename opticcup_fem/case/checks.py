@@ -93,6 +93,13 @@ def _check_closure_takes_poisson(case: Case) -> None:
             "the closed-form closure is ill-posed from 0.48 on; take a smaller value or another "
             "material.closure",
         )
+    if material.closure == "paper" and material.poisson_ratio == 0.5:
+        _reject(
+            "material.poisson_ratio",
+            material.poisson_ratio,
+            "the incompressible limit is that of the closures layer-stretch and condensed; take a "
+            "smaller value or one of these",
+        )
 
 
 def _check_growth_stays_positive(case: Case) -> None:

@@ -75,7 +75,9 @@ class Material(_Table):
 
     thickness_ratio: Positive = Field(default=1 / 9, description="m = h_ECM/h_IOV in the cap")
     modulus_ratio: Positive = Field(default=50.0, description="n = mu_ECM/mu_IOV; mu_OOV = mu_IOV")
-    poisson_ratio: float = Field(default=0.45, ge=0, lt=0.5, description="nu of every layer")
+    poisson_ratio: float = Field(
+        default=0.45, ge=0, le=0.5, description="nu of every layer; 0.5 is incompressible, J = 1"
+    )
     closure: Closure = Field(
         default="layer-stretch", description="which lambda_3 feeds the kinematics"
     )

@@ -20,6 +20,7 @@ from opticcup_fem.shell.fibres import (
     Resultants,
     Sums,
     area_ratio,
+    area_slope,
     energy_density,
     fibres,
     invariants,
@@ -39,13 +40,13 @@ def _add_energy_fibre(
     Psi_0 is stationary in its own lambda_3 (plane stress), which the first derivatives may
     therefore hold fixed; s_1 and s_2 are the first and second derivatives of s in A.
     """
-    lmbda, mu = fibre.layer.lame, fibre.layer.shear_modulus
-    w, q = fibre.weight, fibre.natural
+    mu, w, q = fibre.layer.shear_modulus, fibre.weight, fibre.natural
     per_q2 = 1 / np.square(q)
     D = area_ratio(inv, s, fibre)
     m = plane_stress_stretch(D, fibre.layer)
     sums.energy += w * energy_density(inv, s, D, m, fibre)
-    psi_D = w * (lmbda / 4 * (m - 1 / D) - mu / (2 * D))
+    # area_slope in plane stress, without the large lambda of nearly incompressible layers
+    psi_D = -w * mu * m / (2 * D)
     psi_T = w * mu / 2
     D_s = inv.B + 2 * s * inv.C
     dD = ((1 + s_1 * D_s) * per_q2, s * per_q2, s * s * per_q2)
@@ -58,8 +59,7 @@ def _add_energy_fibre(
     if sums.hessian is None:
         return
     H = sums.hessian
-    m_D = -lmbda * m / (lmbda * D + 2 * mu)
-    psi_DD = w * (lmbda / 4 * (m_D + 1 / D**2) + mu / (2 * D**2))
+    psi_DD = -psi_D * (1 / D + fibre.layer.contraction * m)
     for i in range(3):
         for j in range(3):
             H[i, j] += psi_DD * dD[i] * dD[j]
@@ -75,11 +75,11 @@ def _add_energy_fibre(
 
 def _layer_stretch(sums: Sums, inv: Invariants, fibre: Fibre) -> None:
     """Closure ``layer-stretch``: s from the layer's mid-surface stretch l(A)."""
-    slope = fibre.layer.lame / np.power(fibre.growth, 4)
-    denominator = slope * inv.A + 2 * fibre.layer.shear_modulus
-    s = -2 * fibre.height * mid_surface_stretch(inv, fibre)
-    s_1 = -s * slope / (2 * denominator)
-    s_2 = 3 * s * slope * slope / (4 * denominator**2)
+    stretch = mid_surface_stretch(inv, fibre)
+    s = -2 * fibre.height * stretch
+    slope = fibre.layer.contraction / np.power(fibre.growth, 4) * stretch**2
+    s_1 = -s * slope / 2
+    s_2 = 3 * s * slope**2 / 4
     _add_energy_fibre(sums, inv, fibre, s, s_1, s_2)
 
 
@@ -110,7 +110,7 @@ def _add_held_fibre(
     D = area_ratio(inv, s, fibre)
     m = stretch**2
     sums.energy += w * energy_density(inv, s, D, m, fibre)
-    psi_D = w * (lmbda / 4 * (m - 1 / D) - mu / (2 * D))
+    psi_D = w * area_slope(D, m, fibre.layer)
     psi_T = w * mu / 2
     g = sums.gradient
     g[0] += psi_D * per_q2
@@ -135,8 +135,7 @@ def _add_held_fibre(
 def _stretch_and_slope(D: Array, layer: Layer) -> tuple[Array, Array]:
     """Return lambda_3 of plane stress at J_s^2 = D and its derivative in D."""
     stretch = np.sqrt(plane_stress_stretch(D, layer))
-    slope = -layer.lame * stretch / (2 * (layer.lame * D + 2 * layer.shear_modulus))
-    return stretch, slope
+    return stretch, -layer.contraction * stretch**3 / 2
 
 
 def _closed_form(sums: Sums, inv: Invariants, fibre: Fibre) -> None:
@@ -222,6 +221,7 @@ class Closure(NamedTuple):
         add: Adds energy, stress and tangent of a fibre to the sums.
         metric_stretch: lambda_3 that enters the metric at the fibre's height.
         has_energy: Whether virtual work is the derivative of an energy (symmetric tangent).
+            Those that are condensed at each height have the incompressible limit nu = 1/2 too.
     """
 
     add: Callable[[Sums, Invariants, Fibre], None]

@@ -11,7 +11,8 @@ q = e^2 (1 - 2 xi k) where b_ref = k a_ref (k = -1/R on the sphere, 0 on the pla
     D = J_s^2 = (A + s B + s^2 C)/q^2,   T = g_nat^ab g_ab = (P + s Q)/q,
     Psi_0 = lambda/4 (D l^2 - 1 - ln(D l^2)) + mu/2 (T + l^2 - 3 - ln(D l^2))     (S8)
 
-with the plane-stress stretch l^2 = (lambda + 2 mu)/(lambda D + 2 mu).
+with the plane-stress stretch l^2 = (lambda + 2 mu)/(lambda D + 2 mu) = 1/(1 + k (D - 1)),
+k = nu/(1 - nu).  At nu = 1/2 (k = 1) it is J = 1, and the first term of Psi_0 vanishes.
 """
 
 from __future__ import annotations
@@ -144,14 +145,27 @@ class Sums:
 
 
 def plane_stress_stretch(area_ratio: Array, layer: Layer) -> Array:
-    """Return lambda_3^2 = (lambda + 2 mu)/(lambda J_s^2 + 2 mu), the root of Sigma^33 = 0.
+    """Return lambda_3^2 = 1/(1 + k (J_s^2 - 1)), k = nu/(1 - nu), the root of Sigma^33 = 0.
 
     Args:
         area_ratio: J_s^2, any shape, dimensionless.
-        layer: Supplies the Lamé constants.
+        layer: Supplies nu; at one half lambda_3 is 1/J_s.
     """
-    lmbda, mu = layer.lame, layer.shear_modulus
-    return np.asarray((lmbda + 2 * mu) / (lmbda * area_ratio + 2 * mu), dtype=np.float64)
+    return np.asarray(1 / (1 + layer.contraction * (area_ratio - 1)), dtype=np.float64)
+
+
+def area_slope(D: Array, m: Array, layer: Layer) -> Array:
+    """Return dPsi_0/dD at fixed m = lambda_3^2; it is -mu m/(2 D) in plane stress.
+
+    Args:
+        D: J_s^2, shape (n,).
+        m: lambda_3^2, same shape; that of plane stress where the layer is incompressible.
+        layer: The layer.
+    """
+    mu = layer.shear_modulus
+    if layer.is_incompressible:
+        return np.asarray(-mu * m / (2 * D))
+    return np.asarray(layer.lame / 4 * (m - 1 / D) - mu / (2 * D))
 
 
 def area_ratio(inv: Invariants, s: Array | float, fibre: Fibre) -> Array:
@@ -168,10 +182,11 @@ def area_ratio(inv: Invariants, s: Array | float, fibre: Fibre) -> Array:
 
 def energy_density(inv: Invariants, s: Array | float, D: Array, m: Array, fibre: Fibre) -> Array:
     """Return Psi_0 (S8) for D = J_s^2 and m = lambda_3^2."""
-    lmbda, mu = fibre.layer.lame, fibre.layer.shear_modulus
     T = (inv.P + s * inv.Q) / fibre.natural
     log = np.log(D * m)
-    density: Array = lmbda / 4 * (D * m - 1 - log) + mu / 2 * (T + m - 3 - log)
+    density: Array = fibre.layer.shear_modulus / 2 * (T + m - 3 - log)
+    if not fibre.layer.is_incompressible:
+        density += fibre.layer.lame / 4 * (D * m - 1 - log)
     return density
 
 

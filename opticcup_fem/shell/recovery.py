@@ -137,8 +137,8 @@ def _cauchy(
 
     Metrics are (11, 22, 12) components of shape (n, 3), the meridian's direction t^a is (n, 2).
     """
-    lmbda, mu = fibre.layer.lame, fibre.layer.shear_modulus
-    psi_D = lmbda / 4 * (stretch**2 - 1 / D) - mu / (2 * D)
+    mu = fibre.layer.shear_modulus
+    psi_D = fibres.area_slope(D, stretch**2, fibre.layer)
     natural = np.reshape(fibre.natural, (-1, 1))
     second = 2 * (psi_D * D)[:, None] * _inverse(metric) + mu * _inverse(a_ref) / natural
     second *= np.reshape(fibre.density_ratio, (-1, 1))

@@ -22,7 +22,7 @@ class Layer:
         name: Key of the layer in growth laws, records and pictures.
         thickness: Reference thickness, unit of length of the mesh.
         shear_modulus: Lamé constant mu of the ungrown tissue, unit of stress.
-        poisson_ratio: Poisson's ratio nu, below one half.
+        poisson_ratio: Poisson's ratio nu; one half is the incompressible limit J = 1.
         points: Number of Gauss points through the thickness.
     """
 
@@ -45,15 +45,25 @@ class Layer:
         ):
             if not value > low:
                 raise CaseError(f"layer {self.name!r}: {field} is {value}; it must be positive.")
-        if not -1.0 < self.poisson_ratio < 0.5:
+        if not -1.0 < self.poisson_ratio <= 0.5:
             raise CaseError(
                 f"layer {self.name!r}: poisson_ratio is {self.poisson_ratio}; "
-                "it must lie above -1 and below 0.5."
+                "it must lie above -1, and 0.5 is the largest."
             )
 
     @property
+    def is_incompressible(self) -> bool:
+        """Whether J = 1 is imposed, and there is no first Lamé constant."""
+        return self.poisson_ratio == 0.5
+
+    @property
+    def contraction(self) -> float:
+        """nu/(1 - nu) = lambda/(lambda + 2 mu): thinning in plane stress per areal strain."""
+        return self.poisson_ratio / (1 - self.poisson_ratio)
+
+    @property
     def lame(self) -> float:
-        """First Lamé constant, lambda = 2 mu nu / (1 - 2 nu)."""
+        """First Lamé constant, lambda = 2 mu nu / (1 - 2 nu), of a compressible layer."""
         return 2 * self.shear_modulus * self.poisson_ratio / (1 - 2 * self.poisson_ratio)
 
 

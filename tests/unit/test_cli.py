@@ -73,7 +73,14 @@ WRONG = {
     "override form": (["run", CHICK, "--set", "seed"], ["table.key=value"]),
     "negative thickness": (["run", CHICK, "--set", "material.thickness_ratio=-1"], ["above 0"]),
     "alpha": (["theory", CHICK, "--set", "shape.opening_angle_deg=200"], ["at most 90"]),
-    "incompressible": (["run", CHICK, "--set", "material.poisson_ratio=.5"], ["below 0.5"]),
+    "beyond incompressible": (
+        ["run", CHICK, "--set", "material.poisson_ratio=.51"],
+        ["at most 0.5"],
+    ),
+    "no incompressible limit": (
+        ["run", CHICK, "--set", "material.poisson_ratio=.5", "--set", "material.closure=paper"],
+        ["material.poisson_ratio = 0.5", "layer-stretch"],
+    ),
     "closure": (["run", CHICK, "--set", "material.closure=stationary"], ['"layer-stretch"']),
     "unit": (["run", CHICK, "--set", "shape.radius_um=0.05 mm"], ['"0.05 mm"', "micrometres"]),
     "type": (["run", CHICK, "--set", "growth.iov=true"], ["growth.iov = true", "a number"]),
@@ -84,6 +91,19 @@ WRONG = {
     "below a file": (["run", CHICK, "--out", "broken.toml/x"], ["cannot write there", "--out"]),
     "mesh format": (["mesh", CHICK, "--out", "cup.obj"], ["cup.obj", ".msh"]),
     "mesh below a file": (["mesh", CHICK, "--out", "broken.toml/a.msh"], ["cannot write there"]),
+}
+
+
+WRONG_STUDIES = {
+    "no such study": (["sweep", "absent.toml"], ["absent.toml", "no such file"]),
+    "study not TOML": (["sweep", "broken.toml"], ["broken.toml", "not valid TOML"]),
+    "not a figure": (["reproduce", "fig7"], ["fig7 is not a figure", "fig4"]),
+    "no measurements": (
+        ["reproduce", "--experiment", "absent.csv"],
+        ["absent.csv", "cannot be read"],
+    ),
+    "thickness": (["predict", "--h", "0"], ["--h = 0", "above 0"]),
+    "thicker than wide": (["predict", "--h", "40"], ["radius_over_thickness", "at least 2"]),
 }
 
 
@@ -126,6 +146,17 @@ def test_run_hands_over_the_case_and_the_folder(invoke, study, tmp_path):
     assert quiet  # not on a terminal
     invoke("run", CHICK)
     assert study.arguments[1] == Path("results/chick")
+
+
+@pytest.mark.parametrize(("arguments", "parts"), WRONG_STUDIES.values(), ids=WRONG_STUDIES.keys())
+def test_wrong_studies_get_one_line_and_code_2(invoke, tmp_path, arguments, parts):
+    (tmp_path / "broken.toml").write_text("[shape\n", encoding="utf-8")
+    result = invoke(*arguments)
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert result.stderr.startswith("error: ")
+    assert result.stderr.count("\n") == 1
+    for part in parts:
+        assert part in result.stderr
 
 
 @pytest.mark.parametrize(

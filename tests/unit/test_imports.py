@@ -45,7 +45,7 @@ def test_cases_load_no_solver():
     assert not loaded_after("from opticcup_fem import load_case") & {*HEAVY, "numpy"}
 
 
-@pytest.mark.parametrize("command", ["", "run", "theory", "mesh"])
+@pytest.mark.parametrize("command", ["", "run", "theory", "mesh", "sweep", "reproduce", "predict"])
 def test_help_is_light_and_quick(command):
     arguments = [*([command] if command else []), "--help"]
     code = (

@@ -66,3 +66,20 @@ def test_a_positive_definite_symmetric_part_needs_no_more() -> None:
     pencil = Pencil(motions(), UNKNOWNS, mass, symmetric=False)
     pencil.set(stiffness + 10 * np.eye(SIZE))
     assert pencil.negative() == 0
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_an_eigenvalue_at_zero_has_the_sign_of_the_count(seed: int) -> None:
+    """A is shifted along M until one eigenvalue is zero up to rounding, on either side of it."""
+    stiffness, mass = matrices(True, seed)
+    pencil = Pencil(motions(), UNKNOWNS, mass)
+    basis = motions().whole(np.eye(motions().size))
+    dense = [basis.T @ assemble_dense(UNKNOWNS, part, N_U) @ basis for part in (stiffness, mass)]
+    values = linalg.eigvalsh(*dense)
+    index = len(values) // 2
+    for shift in values[index] * (1 + np.array([-1e-13, -1e-15, 0.0, 1e-15, 1e-13])):
+        pencil.set(stiffness - shift * mass)
+        found = pencil.eigenvalue(index)
+        assert abs(found) < 1e-9
+        assert (found < 0) == (pencil.negative() > index)
+        assert pencil.eigenvalue(index) == found

@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 from opticcup_fem.errors import CaseError
 from opticcup_fem.shell import closures
 from opticcup_fem.shell.closures import resultants
-from opticcup_fem.shell.fibres import GrowthState, LostFibre
+from opticcup_fem.shell.fibres import GrowthState, LostFibre, fibres, invariants
 from opticcup_fem.shell.section import Layer, Section
 from tests.support.shells import ENERGY_CLOSURES, OTHER_CLOSURES, cup_sections, wall
 
@@ -194,6 +194,73 @@ def test_frame_does_not_matter(closure):
     assert there == pytest.approx(here, rel=1e-12)
 
 
+def test_incompressible_layers_keep_their_volume():
+    """At nu = 1/2 Psi_0 is mu/2 (I_1 - 3) with lambda_3 = 1/J_s, and l of the layer likewise."""
+    forms, a_ref = state()
+    section = cup_sections(poisson_ratio=0.5)["cap"]
+
+    def density(form: Array, ref: Array) -> float:
+        total = 0.0
+        for layer, growth, (heights, weights) in zip(
+            section.layers, GROWTH, section.gauss_points, strict=True
+        ):
+            e, rho = growth.factor, growth.density_ratio
+            l_metric = e**2 * np.sqrt(np.linalg.det(matrix(ref)) / np.linalg.det(matrix(form[:3])))
+            for xi, w in zip(heights, weights, strict=True):
+                g = matrix(form[:3]) - 2 * l_metric * xi * matrix(form[3:])
+                natural = e**2 * (1 - 2 * xi * K_REF) * matrix(ref)
+                area = np.linalg.det(g) / np.linalg.det(natural)
+                trace = np.trace(np.linalg.inv(natural) @ g) + 1 / area
+                total += w * rho * layer.shear_modulus / 2 * (trace - 3)
+        return total
+
+    found = resultants("layer-stretch", section, GROWTH, forms, a_ref, K_REF)
+    expected = [density(f, r) for f, r in zip(forms, a_ref, strict=True)]
+    np.testing.assert_allclose(found.energy, expected, rtol=1e-12)
+    for i, change in enumerate(STEP * np.eye(6)):
+        slope = (density(forms[0] + change, a_ref[0]) - density(forms[0] - change, a_ref[0])) / (
+            2 * STEP
+        )
+        assert found.stress[0, i] == pytest.approx(slope, abs=DIFFERENCES)
+    state_5 = closures.fibre_state(
+        "layer-stretch",
+        invariants(forms, a_ref),
+        next(fibres(section, GROWTH, K_REF)),
+    )
+    np.testing.assert_allclose(state_5.stretch * np.sqrt(state_5.area_ratio), 1.0, rtol=1e-14)
+
+
+@pytest.mark.parametrize("closure", ENERGY_CLOSURES)
+def test_the_incompressible_limit_is_continuous(closure):
+    """Energy, stress and tangent differ from those at nu = 1/2 in proportion to 1/2 - nu."""
+    forms, a_ref = state()
+
+    def at(poisson: float):
+        section = cup_sections(poisson_ratio=poisson)["cap"]
+        return resultants(closure, section, GROWTH, forms, a_ref, K_REF)
+
+    limit = at(0.5)
+    gaps = (1e-3, 1e-4, 1e-5)
+    for name in ("energy", "stress", "tangent"):
+        away = [np.abs(getattr(at(0.5 - g), name) - getattr(limit, name)).max() for g in gaps]
+        assert away[0] > 1e-4
+        np.testing.assert_allclose(away, away[0] * np.array([1, 0.1, 0.01]), rtol=0.05)
+
+
+def test_the_incompressible_tangent_varies_the_stress():
+    forms, a_ref = state()
+    section = cup_sections(poisson_ratio=0.5)["cap"]
+
+    def stress(change: Array) -> Array:
+        return resultants(
+            "layer-stretch", section, GROWTH, forms + change, a_ref, K_REF, False
+        ).stress
+
+    tangent = resultants("layer-stretch", section, GROWTH, forms, a_ref, K_REF).tangent
+    differences = [(stress(d) - stress(-d)) / (2 * STEP) for d in STEP * np.eye(6)]
+    np.testing.assert_allclose(tangent, np.stack(differences, axis=-1), atol=10 * DIFFERENCES)
+
+
 def test_closures_agree_without_poisson_effect():
     """Without it lambda_3 = 1 everywhere, and all readings are one."""
     forms, a_ref = state()
@@ -316,7 +383,7 @@ def test_section_stacks_layers_from_inside():
         {"thickness": 0.0},
         {"shear_modulus": -1.0},
         {"points": 0},
-        {"poisson_ratio": 0.5},
+        {"poisson_ratio": 0.5001},
         {"poisson_ratio": -1.0},
         {"thickness": float("nan")},
     ],

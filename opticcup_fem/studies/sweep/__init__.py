@@ -1,0 +1,1 @@
+"""Parameter studies: tasks, their cache, the pool that computes them, and tables of results."""
