@@ -31,7 +31,8 @@ def write_fields(
     to ``boundary_N`` (outer face) as offsets from the middle surface, to warp by; for each layer
     ``lambda_3_<layer>`` and ``stress_<layer>``, NaN where the layer is absent.  Cell data:
     ``region``, and for each layer ``inner_face_<layer>``, the k of its inner ``boundary_k``, -1
-    where the layer is absent.  Point data ``node`` numbers the points that are one node.
+    where the layer is absent.  Point data ``node`` numbers the points that are one node, and
+    ``contact_traction`` is the force of contact per reference area, where contact is resisted.
 
     Args:
         path: The file; replaced in one step once it is complete.
@@ -58,6 +59,8 @@ def write_fields(
         data[f"stress_{layer}"] = per_cell(stress)
     for name, values in (vectors or {}).items():
         data[name] = per_cell(values[snapshot.cells])
+    if snapshot.contact_traction is not None:
+        data["contact_traction"] = per_cell(snapshot.contact_traction[snapshot.cells])
     data["node"] = per_cell(snapshot.cells)
     cells = np.arange(order.size).reshape(order.shape)
     mesh = meshio.Mesh(

@@ -182,7 +182,9 @@ class Observer:
             the meridians, so that a mesh's small loss of symmetry counts in second order),
             ``tangent_angle_interface`` (rad; alpha on
             the sphere, 0 where the meridian is horizontal, mean over the circle), ``asymmetry``
-            (share of m >= 1 in the mean square position) and ``interface_m0`` .. ``interface_m8``
+            (share of m >= 1 in the mean square position), ``mouth_length_over_R`` and
+            ``mouth_width_over_R`` (r.m.s. extents of the interface circle along its horizontal
+            principal axes; equal where it is round) and ``interface_m0`` .. ``interface_m8``
             (amplitude over R of the displacement of the interface circle in wavenumber m).
         """
         frame = self.frame(snapshot)
@@ -202,7 +204,7 @@ class Observer:
             "tangent_angle_interface": self._tangent_angle(aligned),
             "asymmetry": relative_asymmetry(self.ring_spectrum(position), self.weights),
         }
-        return numbers | self._wavenumbers(aligned)
+        return numbers | self._mouth(aligned) | self._wavenumbers(aligned)
 
     def ring_spectrum(self, aligned: Floats) -> NDArray[np.complex128]:
         """Return the azimuthal amplitudes of a nodal field on rings, (n_rings, n_m, 3).
@@ -235,6 +237,13 @@ class Observer:
         # the normal of a meridian that falls by psi points psi away from the axis
         radial, _, axial = cylindrical(normals, self._side_phi).mean(axis=0)
         return float(np.arctan2(radial, axial))
+
+    def _mouth(self, aligned: Snapshot) -> dict[str, float]:
+        """Return the r.m.s. extents of the interface circle, the longer first."""
+        circle = (self._circle @ aligned.position)[:, :2]
+        squares = np.linalg.eigvalsh(np.cov(circle.T, bias=True))
+        width, length = np.sqrt(np.maximum(squares, 0.0))
+        return {"mouth_length_over_R": float(length), "mouth_width_over_R": float(width)}
 
     def _wavenumbers(self, aligned: Snapshot) -> dict[str, float]:
         """Return the amplitudes of the interface circle's displacement, m = 0 .. 8."""

@@ -90,6 +90,8 @@ class Snapshot:
             NaN in cells without the layer.
         faces: For each region the current positions of its layers' faces at the nodes of the
             region's cells (in the order of `cells_of`), shape (m_region, 10, n_layers + 1, 3).
+        contact_traction: Force of contact on the nodes per reference area, shape (n, 3), where
+            contact is resisted.
     """
 
     t_n: float
@@ -103,6 +105,7 @@ class Snapshot:
     thickness_stretch: Mapping[str, Floats]
     stress: Mapping[str, Floats]
     faces: Mapping[str, Floats]
+    contact_traction: Floats | None = None
 
     def __post_init__(self) -> None:
         """Raise ValueError where the arrays do not fit together."""

@@ -199,6 +199,33 @@ def _check_output_times(case: Case) -> None:
         _reject("output.times", list(times), f"every time lies between 0 and run.t_end = {t_end:g}")
 
 
+def _check_contact(case: Case) -> None:
+    contact, run = case.contact, case.run
+    if contact.mode == "resist" and run.model == "meridian":
+        _reject("contact.mode", contact.mode, 'only run.model = "surface" resists contact')
+    if contact.mode == "resist" and run.follow != "stable":
+        _reject("contact.mode", contact.mode, 'resisting contact needs run.follow = "stable"')
+    if contact.mode == "resist" and case.material.closure in ("paper", "closed-form"):
+        _reject(
+            "contact.mode",
+            contact.mode,
+            f"the closure {case.material.closure} has no energy to which that of contact could be "
+            'added; take material.closure = "layer-stretch"',
+        )
+    if contact.mode != "resist" and contact.obstacles:
+        _reject(
+            "contact.mode", contact.mode, 'obstacles push only with contact.mode = "resist"; set it'
+        )
+    reach, size = contact.distance * case.shape.thickness, case.mesh.cell_size_interface
+    if contact.mode == "resist" and reach > size:
+        _reject(
+            "contact.distance",
+            contact.distance,
+            f"the barrier would reach {reach:.3g} R, farther than the cells at the interface are "
+            f"large; take at most {size / case.shape.thickness:.3g}",
+        )
+
+
 CROSS_CHECKS = (
     _check_cap_is_a_shell,
     _check_closure_takes_poisson,
@@ -208,4 +235,5 @@ CROSS_CHECKS = (
     _check_mesh_is_not_endless,
     _check_steps_are_ordered,
     _check_output_times,
+    _check_contact,
 )

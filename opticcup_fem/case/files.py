@@ -95,12 +95,20 @@ def case_to_toml(case: Case, versions: Mapping[str, str] | None = None) -> str:
         table.comment(info.description or "")
         section: BaseModel = getattr(case, name)
         for key, field in type(section).model_fields.items():
-            value = getattr(section, key)
-            item = tomlkit.item(list(value) if isinstance(value, tuple) else value)
+            item = tomlkit.item(_plain(getattr(section, key)))
             table.add(key, item.comment(field.description or ""))
         document.add(tomlkit.nl())
         document.add(name, table)
     return tomlkit.dumps(document)
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as TOML knows it: arrays for tuples, inline tables for models."""
+    if isinstance(value, BaseModel):
+        table = tomlkit.inline_table()
+        table.update({key: _plain(entry) for key, entry in value})
+        return table
+    return [_plain(entry) for entry in value] if isinstance(value, tuple) else value
 
 
 def write_case(case: Case, path: str | Path, versions: Mapping[str, str] | None = None) -> None:
@@ -191,6 +199,9 @@ def _allowed(field: FieldInfo) -> str:
     arguments = get_args(annotation)
     if get_origin(annotation) is Literal:
         return f"give one of {', '.join(show(a) for a in arguments)}{meaning}"
+    if Ellipsis in arguments and isinstance(arguments[0], type):
+        if issubclass(arguments[0], BaseModel):
+            return f"give tables{meaning}"
     if Ellipsis in arguments:
         return f"give an array of numbers{_bounds(arguments[0])}{meaning}"
     return f"give an array of {len(arguments)} whole numbers{_bounds(arguments[0])}{meaning}"

@@ -177,6 +177,46 @@ class Solver(_Table):
     max_move: Positive = Field(default=0.4, description="largest move of a node a step, in R")
 
 
+Point = Annotated[tuple[float, float, float], Field(strict=False)]
+
+
+class ObstacleTable(_Table):
+    """A rigid body; lengths in units of R, the cup's centre at the origin, its apex along z."""
+
+    kind: Literal["plate", "box", "sphere"] = Field(description="what it is")
+    centre: Point = Field(description="its centre at t_n = 0")
+    normal: Point = Field(default=(0.0, 0.0, 1.0), description="plate: normal to it")
+    width: Positive = Field(default=8.0, description="plate: length of its sides")
+    sides: Point = Field(default=(1.0, 1.0, 1.0), description="box: lengths along x, y, z")
+    radius: Positive = Field(default=0.5, description="sphere: its radius")
+    velocity: Point = Field(default=(0.0, 0.0, 0.0), description="velocity per unit of t_n")
+
+
+class ContactTable(_Table):
+    """Contact of the shell with itself and with rigid obstacles.
+
+    The default of ``stiffness`` is 100 (h/R)^2 (docs/decisions/0018-contact-barrier.md).
+    """
+
+    mode: Literal["off", "stop", "resist"] = Field(
+        default="stop", description="look away, end the run, or push back"
+    )
+    stop_at: Literal["mid-surface", "thickness"] = Field(
+        default="mid-surface", description="stop: what must meet, mid-surfaces or layers' faces"
+    )
+    distance: float = Field(
+        default=0.2, gt=0, le=1, description="resist: gap at which the barrier begins, in h"
+    )
+    stiffness: Positive = Field(
+        default=4.0, description="resist: stress scale of the barrier; default 100 (h/R)^2"
+    )
+    obstacles: tuple[ObstacleTable, ...] = Field(
+        default=(),
+        strict=False,  # a TOML array is a list
+        description="rigid bodies: kind (plate, box or sphere), centre, and what a kind needs",
+    )
+
+
 class Output(_Table):
     """What is written."""
 
@@ -208,7 +248,19 @@ class Case(_Table):
         default=Mesh(), validate_default=True, description="surface model only: mesh"
     )
     solver: Solver = Field(default=Solver(), description="surface model only: steps, Newton")
+    contact: ContactTable = Field(
+        default=ContactTable(), validate_default=True, description="surface: contact"
+    )
     output: Output = Field(default=Output(), validate_default=True, description="what is written")
+
+    @field_validator("contact", mode="after")
+    @classmethod
+    def _resolve_stiffness(cls, contact: ContactTable, info: ValidationInfo) -> ContactTable:
+        # The default follows the thickness, which another table holds.
+        if "stiffness" in contact.model_fields_set or "shape" not in info.data:
+            return contact
+        h = info.data["shape"].thickness
+        return contact.model_copy(update={"stiffness": float(f"{100 * h * h:.4g}")})
 
     @field_validator("output", mode="after")
     @classmethod

@@ -69,6 +69,14 @@ class BranchStepping:
                 return
             yield point
 
+    def between(self, low: PathPoint, high: PathPoint, t_n: float) -> PathPoint | None:
+        """Return the state at a time between two neighbours of the stem, see ``LoadStepping``.
+
+        Returns:
+            None on the branch, where a time does not tell a state.
+        """
+        return self._stem.between(low, high, t_n) if self._branch.is_empty else None
+
     def failure(self) -> OpticCupError | None:
         """Return why the path ended early, None if it did not."""
         return self._stem.failure() or self._branch.failure()
@@ -137,6 +145,11 @@ class BranchPath:
             chart = self.problem.shell.with_updated_directors(equations.unpack(last.x))
             equations = ShellEquations(self.problem, chart)
             last = replace(last, x=equations.pack(chart))
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether no state has been found on it."""
+        return self._accepted == 0
 
     def _point(self, equations: ShellEquations, solution: PathState) -> PathPoint:
         """Return a solution as a point of a path; the tangent is that of its last iterate."""

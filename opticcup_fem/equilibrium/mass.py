@@ -18,8 +18,7 @@ Array = NDArray[np.float64]
 
 def lumped_mass(problem: Problem) -> PETSc.Vec:
     """Return the diagonal metric M of shifts, larger than zero (collective)."""
-    nodal = np.einsum("cq,qn->cn", problem.shell.weights, _table(problem))
-    positions = np.repeat(np.abs(nodal), 3, axis=1)
+    positions = np.repeat(np.abs(problem.shell.nodal_areas()), 3, axis=1)
     mass = problem.vector.duplicate()
     cells = np.concatenate([positions, _rotary_inertia(problem)], axis=1)
     problem.assemble_vector(cells, mass)

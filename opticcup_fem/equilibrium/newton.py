@@ -34,6 +34,9 @@ NEAR_SOLUTION = 1e-5
 SMALLEST_FRACTION = 0.02
 """Newton steps are not cut below this fraction."""
 
+MOST_RENEWALS = 30
+"""Solves for one state while faces and obstacles are brought up to date."""
+
 
 WANDERING = 10.0
 """A residual this many times the smallest one before ends a solve; measured on growing cups."""
@@ -120,16 +123,52 @@ class MixedNewton:
         snes.setLineSearchPreCheck(self._shorten)
         return snes
 
-    def solve(self, state: ShellState, drag: Drag | None = None) -> Solution:
+    def solve(
+        self, state: ShellState, drag: Drag | None = None, before: ShellState | None = None
+    ) -> Solution:
         """Solve for equilibrium at the shell's present growth, starting at ``state`` (collective).
 
         Args:
             state: First iterate.
             drag: Viscous term against moving away from ``state``.
+            before: An equilibrium from which ``state`` was guessed.  Where contact is resisted, the
+                solution is one that can be reached from there, and no contact is evaluated on a
+                way on which nothing touches.
 
         Returns:
             The outcome; a failure is a value, not an exception.
         """
+        problem, contact = self.problem, self.problem.contact
+        if contact is None:
+            return self._solve(state, drag)
+        before = problem.with_contact(state if before is None else before)
+        state = replace(state, contact=before.contact)
+        spent = 0
+        if before.contact is not None and not before.contact.touches:
+            problem.awake = False
+            solution = self._solve(state, drag)
+            problem.awake = True
+            if not solution.converged:
+                return solution
+            passed = contact.passes(before, solution.state)
+            if passed is not None:
+                return replace(solution, state=passed)
+            spent = solution.iterations
+        state, share = contact.reachable(before, state)
+        if share < 1.0:
+            state = problem.with_mean_directors(state, before)
+        for _ in range(MOST_RENEWALS):
+            solution = self._solve(state, drag)
+            spent += solution.iterations
+            if not solution.converged:
+                return replace(solution, iterations=spent)
+            state, done = contact.renewed(solution.state)
+            if done:
+                return replace(solution, state=state, iterations=spent)
+        return replace(solution, converged=False, reason="CONTACT_NOT_SETTLED", iterations=spent)
+
+    def _solve(self, state: ShellState, drag: Drag | None) -> Solution:
+        """Solve with contact data as they are (collective)."""
         self._state, self._drag = state, drag
         self._cells: CondensedCells | None = None
         self._resultants, self._lost = self.problem.shell.evaluate(state)
@@ -164,7 +203,7 @@ class MixedNewton:
         if not self.problem.symmetric:
             return self.problem.inertia_of_symmetric_part(self._cells)
         if self._factorised_norm > NEAR_SOLUTION:
-            self.problem.assemble_tangent(self._cells)
+            self.problem.assemble_tangent(self._cells, self.problem.contact_stiffness(self._state))
             self.problem.factorise()
         return self.problem.inertia()
 
@@ -178,7 +217,7 @@ class MixedNewton:
             f.set(np.inf)
             return
         self._cells = problem.shell.condensed(self._state, self._resultants)
-        problem.assemble_vector(self._cells.gradient, f)
+        problem.assemble_gradient(self._cells, self._state, f)
         if self._drag is not None:
             f.array[:] += self._drag.rate * self._drag.mass.array_r * (x.array_r - self._start)
         local = self._cells.local_residual(self._state.sigma)
@@ -190,7 +229,7 @@ class MixedNewton:
         self, snes: PETSc.SNES, x: PETSc.Vec, matrix: PETSc.Mat, preconditioner: PETSc.Mat
     ) -> None:
         assert self._cells is not None
-        self.problem.assemble_tangent(self._cells)
+        self.problem.assemble_tangent(self._cells, self.problem.contact_stiffness(self._state))
         if self._drag is not None:
             self.problem.add_diagonal(self._drag.mass, self._drag.rate)
         self._factorised_norm = self._norm if self._drag is None else np.inf
@@ -198,10 +237,11 @@ class MixedNewton:
     def _shorten(self, x: PETSc.Vec, y: PETSc.Vec) -> bool:
         """Halve the step y (the iterate becomes x - y) until every layer stays admissible.
 
-        Moves the state to the iterate.
+        It goes no farther than contact allows.  Moves the state to the iterate.
         """
         full = -y.array_r.copy()
-        fraction = 1.0
+        moves, _ = self.problem.split(self.problem.to_local(full))
+        fraction = self.problem.free_fraction(self._state, moves)
         while True:
             trial = self._stepped(fraction * full, fraction)
             self._resultants, self._lost = self.problem.shell.evaluate(trial)

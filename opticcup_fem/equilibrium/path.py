@@ -105,6 +105,7 @@ class LoadStepping:
         self._negative_eigenvalues = NegativeEigenvalues(newton, spectrum)
         self.end: PathEnd | None = None
         self.accepted = 0
+        self._may_descend = True
 
     def count_iterations(self, count: Callable[[], None]) -> None:
         """Have ``count`` called at every Newton iteration and relaxation step."""
@@ -176,16 +177,28 @@ class LoadStepping:
                 dt = control.initial
             point = replace(found, iterations=spent)
             self.accepted += 1
+            self._may_descend = True
             spent = 0
             self.problem.shell.set_time(point.t_n)
             yield point
+
+    def between(self, low: PathPoint, high: PathPoint, t_n: float) -> PathPoint | None:
+        """Return the state at a time between two neighbouring points, None if there is none.
+
+        The shell is left at ``t_n`` (collective).
+        """
+        share = (t_n - low.t_n) / (high.t_n - low.t_n)
+        guess = low.state.plus(high.state.minus(low.state), share)
+        return self._attempt(t_n, self.problem.with_mean_directors(guess, low.state), low).point
 
     def _attempt(self, t_n: float, guess: ShellState, before: PathPoint | None) -> Attempt:
         """Solve at ``t_n``; accept what is converged, near and stable enough (collective)."""
         shell = self.problem.shell
         shell.set_time(t_n)
-        solution = self.newton.solve(guess)
         near = guess if before is None else before.state
+        solution = self.newton.solve(guess, before=near)
+        if not solution.converged and self._may_descend and _touches(near):
+            return self._descended(t_n, guess, near, solution)
         if not solution.converged or self._moved(solution.state, near) > self.control.max_move:
             return Attempt(solution)
         state = shell.with_updated_directors(solution.state)
@@ -200,6 +213,34 @@ class LoadStepping:
             return Attempt(solution, replace(point, critical=self._passed(before, point)))
         except ConvergenceError:  # too far apart: a shorter step finds them
             return Attempt(solution)
+
+    def _descended(
+        self, t_n: float, guess: ShellState, before: ShellState, failed: Solution
+    ) -> Attempt:
+        """Go on from a guess by descent: Newton's method wanders where parts come to touch.
+
+        What comes to rest farther than a jump from the guess is not accepted, and not tried again
+        on shorter steps: a stability was lost on the way (collective).
+        """
+        contact = self.problem.contact
+        assert contact is not None
+        start, _ = contact.reachable(before, self.problem.with_mean_directors(guess, before))
+        relaxed = self.relaxation.relax(start)
+        spent = replace(failed, iterations=failed.iterations + relaxed.factorisations)
+        near = self._moved(relaxed.state, guess) <= self.control.jump_move
+        if not relaxed.converged or not near:
+            self._may_descend = False
+            return Attempt(spent)
+        point = PathPoint(
+            t_n,
+            relaxed.state,
+            False,
+            relaxed.negative_eigenvalues,
+            spent.iterations,
+            relaxed.residual,
+            relaxed.energy,
+        )
+        return Attempt(spent, point)
 
     def _admits(self, state: Known, before: PathPoint | None) -> bool:
         """Return whether an unstable state may be accepted (collective)."""
@@ -229,9 +270,10 @@ class LoadStepping:
         """Leave the last state for a stable one at ``t_n``; None ends the path (collective).
 
         Past a limit point the descent finds its way by itself.  At a bifurcation the state is
-        moved along the critical mode first: by symmetry nothing else would leave the path.
+        moved along the critical mode first: by symmetry nothing else would leave the path.  Where
+        parts touch, the tangent jumps with every part that touches, and has no critical modes.
         """
-        if self.critical is None:
+        if self.critical is None or _touches(point.state):
             return self._relaxed(point, point.state, t_n, attempt.solution)
         critical = self.critical.at_loss(history.states, (t_n, attempt.unstable))
         starts = [point.state]
@@ -283,3 +325,7 @@ class LoadStepping:
     def _moved(self, after: ShellState, before: ShellState) -> float:
         """Return the largest move of a node between two states (collective)."""
         return self.problem.largest(np.linalg.norm(after.r - before.r, axis=1))
+
+
+def _touches(state: ShellState) -> bool:
+    return state.contact is not None and state.contact.touches

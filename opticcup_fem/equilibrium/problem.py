@@ -11,12 +11,22 @@ from petsc4py import PETSc
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
+from opticcup_fem.contact.model import Contact
 from opticcup_fem.shell.condensation import CondensedCells
 from opticcup_fem.shell.model import Shell, ShellState
 from opticcup_fem.shell.spaces import number_unknowns
 
 Array = NDArray[np.float64]
+
+MOST_STALE = 3.0
+"""The tangent's pattern is made afresh when it holds this many times the contacts there are."""
+
+
+MEDIUM = 1e-4
+"""Stiffness per reference area, unit mu_IOV/R, of the medium that a shell beside obstacles floats
+in.  Points that are held instead would carry the obstacles' forces."""
 
 
 @dataclass(frozen=True)
@@ -34,24 +44,33 @@ class Problem:
     Attributes:
         shell: The shell.
         held: Mask of held unknowns over the rank's local unknowns (see ``shell.supports``).
+        contact: Contact that is resisted, if any.
+        awake: Whether contact is evaluated; it is not while a solve is tried without it.
         matrix: The tangent H.
         symmetric: Whether H is symmetric and factorised as L D L^T, else as L U.
     """
 
-    def __init__(self, shell: Shell, held: NDArray[np.bool_]) -> None:
+    def __init__(
+        self, shell: Shell, held: NDArray[np.bool_], contact: Contact | None = None
+    ) -> None:
         """Number the unknowns and allocate (collective).
 
         Args:
             shell: The shell.
             held: Mask of held unknowns; their rows and columns become those of the identity.
+            contact: Contact to be resisted, if any.
         """
-        self.shell, self.held = shell, held
+        self.shell, self.held, self.contact = shell, held, contact
+        self.awake = contact is not None
         self.comm: MPI.Intracomm = shell.comm
         self.symmetric = shell.has_energy
         self._numbering = number_unknowns(shell.spaces)
         self._split = 3 * shell.spaces.n_nodes
         self._map_cells()
         self._allocate()
+        self._springs: PETSc.Vec | None = None
+        if contact is not None and contact.has_obstacles:
+            self._springs = self._soft_springs()
         self._make_solver()
 
     def _map_cells(self) -> None:
@@ -78,6 +97,7 @@ class Problem:
         self.matrix = PETSc.Mat().createAIJ((sizes, sizes), comm=self.comm)
         self.matrix.setLGMap(self._map, self._map)
         self.matrix.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
+        self._far: sparse.csr_array | None = None
         self._preallocate()
         if self.symmetric:
             self.matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
@@ -90,9 +110,12 @@ class Problem:
         self._local_slot[~self._is_ghost] = n[~self._is_ghost] - self._start
         self._local_slot[self._is_ghost] = numbering.owned + np.arange(len(ghosts))
         self._held_owned = n[self.held & ~self._is_ghost].astype(np.int32)
+        if self.contact is not None:
+            numbers = np.where(self.held, -1, n)[: self._split].reshape(-1, 3).astype(np.int32)
+            self._unknown_of_node = self.contact.gather.everywhere(numbers).ravel()
 
     def _preallocate(self) -> None:
-        """Reserve the pattern of the cells, and the diagonal of the held unknowns."""
+        """Reserve the pattern of cells and contacts, and the diagonal of the held unknowns."""
         preallocator = PETSc.Mat().create(comm=self.comm)
         preallocator.setType(PETSc.Mat.Type.PREALLOCATOR)
         preallocator.setSizes(((self._numbering.owned, None), (self._numbering.owned, None)))
@@ -103,6 +126,8 @@ class Problem:
         diagonal = np.arange(self._start, self._start + self._numbering.owned, dtype=np.int32)
         for i in diagonal:
             preallocator.setValue(i, i, 0.0, addv=PETSc.InsertMode.ADD_VALUES)
+        if self._far is not None:
+            self._insert_far(preallocator, self._far)
         preallocator.assemble()
         preallocator.preallocatorPreallocate(self.matrix)
 
@@ -209,15 +234,114 @@ class Problem:
         """Return the largest of values spread over the ranks (collective)."""
         return float(self.comm.allreduce(np.max(values, initial=0.0), MPI.MAX))
 
+    # --- contact ------------------------------------------------------------------------------
+
+    def _awake(self) -> Contact | None:
+        return self.contact if self.awake else None
+
+    def _soft_springs(self) -> PETSc.Vec:
+        """Return the stiffness of the medium at the nodes, nought for angles (collective)."""
+        areas = np.repeat(self.shell.nodal_areas(), 3, axis=1)
+        angles = self.cell_unknowns.shape[1] - areas.shape[1]
+        cells = np.concatenate([areas, np.zeros((len(areas), angles))], axis=1)
+        springs = self.vector.duplicate()
+        self.assemble_vector(MEDIUM * cells, springs)
+        return springs
+
+    def _from_reference(self, state: ShellState) -> Array:
+        start = np.concatenate([self.shell.reference.ravel(), state.alpha.ravel()])
+        return self.global_values(state) - start[self._numbering.owned_local]
+
+    def energy(self, state: ShellState) -> float:
+        """Return the energy of shell, contact and medium (collective)."""
+        contact, energy = self._awake(), self.shell.energy(state)
+        if self._springs is not None:
+            square = np.sum(self._springs.array_r * self._from_reference(state) ** 2)
+            energy += float(self.comm.allreduce(square)) / 2
+        return energy if contact is None else energy + contact.energy(state)
+
+    def assemble_gradient(self, cells: CondensedCells, state: ShellState, out: PETSc.Vec) -> None:
+        """Add up the gradient of cells, contact and medium into ``out`` (collective)."""
+        self.assemble_vector(cells.gradient, out)
+        if self._springs is not None:
+            out.array[:] += self._springs.array_r * self._from_reference(state)
+        contact = self._awake()
+        forces = None if contact is None else contact.gradient(state)
+        if forces is not None:
+            local = np.zeros(len(self._numbering.local_to_global))
+            local[: self._split] = forces.ravel()
+            local[self.held] = 0.0
+            out.array[:] += local[self._numbering.owned_local]
+
+    def contact_stiffness(self, state: ShellState) -> sparse.csr_array | None:
+        """Return the Hessian of contact for ``assemble_tangent`` (collective)."""
+        contact = self._awake()
+        return None if contact is None else contact.hessian(state)
+
+    def with_contact(self, state: ShellState) -> ShellState:
+        """Return a state that has contact data, its own where it had none (collective)."""
+        if self.contact is None or state.contact is not None:
+            return state
+        return self.contact.brought_up_to_date(state)
+
+    def free_fraction(self, state: ShellState, dr: Array) -> float:
+        """Return the share of a move of the nodes that is safe, 0 to 1 (collective)."""
+        contact = self._awake()
+        if contact is None:
+            return 1.0
+        return contact.free_fraction(state, replace(state, r=state.r + dr))
+
+    def _insert_far(self, matrix: PETSc.Mat, far: sparse.csr_array) -> None:
+        """Add a matrix over all nodes' coordinates; held unknowns receive nothing."""
+        index_map = self.shell.spaces.position.dofmap.index_map
+        first, last = (3 * end for end in index_map.local_range)
+        rows = far[first:last]
+        matrix.setValuesIJV(
+            rows.indptr.astype(np.int32),
+            self._unknown_of_node[rows.indices],
+            rows.data,
+            addv=PETSc.InsertMode.ADD_VALUES,
+            rowmap=self._unknown_of_node[first:last],
+        )
+
+    def _make_room(self, far: sparse.csr_array) -> None:
+        """Let the tangent's pattern hold the contacts; one that holds too many is made afresh."""
+        wanted = sparse.csr_array((np.ones(far.nnz), far.indices, far.indptr), shape=far.shape)
+        if self._far is not None:
+            union = self._far + wanted
+            if union.nnz <= MOST_STALE * wanted.nnz:
+                if union.nnz == self._far.nnz:
+                    return
+                wanted = union
+        self._far = wanted
+        self._preallocate()
+        # a new pattern needs a new factor, which needs its settings
+        self.ksp.reset()
+        self.ksp.setOperators(self.matrix)
+        self._configure(self.ksp, self.symmetric)
+
     # --- tangent ------------------------------------------------------------------------------
 
-    def assemble_tangent(self, cells: CondensedCells) -> None:
-        """Assemble H from the condensed cells (collective)."""
-        self._assemble(self.matrix, cells.hessian)
+    def assemble_tangent(self, cells: CondensedCells, far: sparse.csr_array | None = None) -> None:
+        """Assemble H from the condensed cells, contact and medium (collective).
 
-    def _assemble(self, matrix: PETSc.Mat, cells: Array) -> None:
+        Args:
+            cells: The cells.
+            far: Hessian of contact, see ``contact_stiffness``.
+        """
+        if far is not None:
+            self._make_room(far)
+        self._assemble(self.matrix, cells.hessian, far)
+        if self._springs is not None:
+            self.add_diagonal(self._springs, 1.0)
+
+    def _assemble(
+        self, matrix: PETSc.Mat, cells: Array, far: sparse.csr_array | None = None
+    ) -> None:
         matrix.zeroEntries()
         self.insert(matrix, cells)
+        if far is not None:
+            self._insert_far(matrix, far)
         for i in self._held_owned:
             matrix.setValue(i, i, 1.0, addv=PETSc.InsertMode.ADD_VALUES)
         matrix.assemble()

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from opticcup_fem.equilibrium.mass import lumped_mass
 from opticcup_fem.equilibrium.problem import Problem
@@ -90,42 +91,87 @@ class EnergyDescent:
         self.monitor: Callable[[int, float, float], None] | None = None
 
     def relax(self, state: ShellState) -> Relaxed:
-        """Descend from ``state`` at the shell's present growth (collective)."""
-        shell, problem = self.problem.shell, self.problem
-        state, lost = starting_state(shell, state)
+        """Descend from ``state`` at the shell's present growth (collective).
+
+        Contact is evaluated from the first step on which anything touches.
+        """
+        problem = self.problem
+        state, lost = starting_state(problem.shell, state)
         if lost is not None:
             return Relaxed(state, False, 0, 0, np.nan, np.nan, "no admissible start", None, lost)
-        energy = shell.energy(state)
+        state = problem.with_contact(state)
+        problem.awake = state.contact is not None and state.contact.touches
+        relaxed = self._descend(state)
+        problem.awake = problem.contact is not None
+        return relaxed
+
+    def _descend(self, state: ShellState) -> Relaxed:
+        shell, problem = self.problem.shell, self.problem
+        energy = problem.energy(state)
         shift, factorisations = 0.0, 0
         for iteration in range(self.max_iterations + 1):
             cells = shell.condensed(state)
-            problem.assemble_vector(cells.gradient, self._gradient)
+            problem.assemble_gradient(cells, state, self._gradient)
             norm = self._gradient.norm()
             if self.monitor is not None:
                 self.monitor(iteration, norm, energy)
-            shift, spent = self._factorise(cells, shift)
+            shift, spent = self._factorise(cells, shift, problem.contact_stiffness(state))
             factorisations += spent
             if norm < self.tolerance and shift == 0.0:
-                return Relaxed(state, True, iteration, factorisations, energy, norm, "converged", 0)
+                state, done = self._renewed(state)
+                if done:
+                    energy, why = shell.energy(state), "converged"
+                    return Relaxed(state, True, iteration, factorisations, energy, norm, why, 0)
+                energy = problem.energy(state)
+                continue
             accepted = self._line_search(state, energy)
             if accepted is None:
                 reason = "no step lowers the energy"
                 return Relaxed(state, False, iteration, factorisations, energy, norm, reason)
-            state, energy, fraction = accepted
+            after, energy, fraction = accepted
+            state, energy = self._moved(state, after, energy)
             shift = shift / 8 if fraction > 0.5 else shift
             if shift < 1e-6:
                 shift = 0.0
         reason = f"{self.max_iterations} steps were not enough"
         return Relaxed(state, False, self.max_iterations, factorisations, energy, norm, reason)
 
-    def _factorise(self, cells: CondensedCells, shift: float) -> tuple[float, int]:
+    def _renewed(self, state: ShellState) -> tuple[ShellState, bool]:
+        """Return a state with up-to-date faces, and whether it needs no further step."""
+        contact = self.problem.contact
+        return (
+            (state, True) if contact is None or not self.problem.awake else contact.renewed(state)
+        )
+
+    def _moved(
+        self, before: ShellState, after: ShellState, energy: float
+    ) -> tuple[ShellState, float]:
+        """Return the state after a step with up-to-date faces, and its energy.
+
+        A step on which something would touch unseen is not taken: contact wakes instead.
+        """
+        problem, contact = self.problem, self.problem.contact
+        if contact is None:
+            return after, energy
+        if problem.awake:
+            state, _ = contact.renewed(after)
+            return state, problem.energy(state)
+        passed = contact.passes(before, after)
+        if passed is not None:
+            return passed, energy
+        problem.awake = True
+        return before, problem.energy(before)
+
+    def _factorise(
+        self, cells: CondensedCells, shift: float, far: sparse.csr_array | None
+    ) -> tuple[float, int]:
         """Factorise H + s M with s >= ``shift`` raised until no pivot is negative.
 
         Returns:
             The shift and the number of factorisations.
         """
         problem = self.problem
-        problem.assemble_tangent(cells)
+        problem.assemble_tangent(cells, far)
         applied, spent = 0.0, 0
         while True:
             if shift > applied:
@@ -150,6 +196,7 @@ class EnergyDescent:
         dr, dalpha = problem.split(local)
         longest = problem.largest(np.linalg.norm(dr, axis=1))
         fraction = min(1.0, self.max_move / longest) if longest > 0 else 1.0
+        fraction *= problem.free_fraction(state, fraction * dr)
         smallest_change = 1e-13 * max(abs(energy), 1e-3)
         while fraction > 1e-6:
             trial = replace(state, r=state.r + fraction * dr, alpha=state.alpha + fraction * dalpha)
@@ -168,4 +215,4 @@ class EnergyDescent:
         if shell.evaluate(trial, tangent=False)[1] is not None:
             return None
         trial = shell.with_local_equilibrium(trial)
-        return trial, shell.energy(trial)
+        return trial, self.problem.energy(trial)

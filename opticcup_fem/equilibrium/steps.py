@@ -174,6 +174,8 @@ class History:
             return math.inf
         (t_0, a), (t_1, b), (t_2, c) = self._points
         s_1, s_2 = self._problem.distance(a, b), self._problem.distance(b, c)
+        if s_1 == 0 or s_2 == 0:  # nothing moved
+            return math.inf
         rate_1, rate_2 = abs(t_1 - t_0) / s_1, abs(t_2 - t_1) / s_2
         bend = (rate_2 - rate_1) / (s_1 + s_2)
         slope = rate_2 + bend * s_2

@@ -32,6 +32,21 @@ LostPlace = tuple[LostFibre, Array]
 
 
 @dataclass(frozen=True)
+class ContactData:
+    """What contact keeps fixed while a state is solved for (see ``contact.model``).
+
+    Attributes:
+        offsets: Vectors from the nodes to the inner and the outer face, shape (n_nodes, 2, 3).
+        time: Normalised time at which moving obstacles stand.
+        touches: Whether anything is within the barrier's reach.
+    """
+
+    offsets: Array
+    time: float
+    touches: bool
+
+
+@dataclass(frozen=True)
 class ShellState:
     """Unknowns of the mixed shell on one rank (owned and ghost), with the lagged directors.
 
@@ -41,6 +56,7 @@ class ShellState:
         director: Lagged directors d_0 there, shape (n_edges, k, 3).
         kappa: Coefficients of the curvature, shape (n_cells, n_k).
         sigma: Coefficients of its multiplier (the moments), shape (n_cells, n_k).
+        contact: Lagged data of contact, where it is resisted.
     """
 
     r: Array
@@ -48,6 +64,7 @@ class ShellState:
     director: Array
     kappa: Array
     sigma: Array
+    contact: ContactData | None = None
 
     def plus(self, step: ShellState, factor: float = 1.0) -> ShellState:
         """Return this state moved by ``factor`` times ``step``; the directors stay."""
@@ -147,6 +164,11 @@ class Shell:
         self.area_ref = np.sqrt(a_11 * a_22 - a_12**2)
         self.weights = self.forms.quadrature_weights * self.spaces.det_j[:, None] * self.area_ref
         self.curvature_basis = self.spaces.curvature_table(points)
+
+    def nodal_areas(self) -> Array:
+        """Return the integral of each node's basis function over its cell, (n_cells, n_nodes)."""
+        points = self.forms.quadrature_points
+        return np.einsum("cq,qn->cn", self.weights, self.spaces.position_table(points))
 
     def _find_regions(self) -> list[_Region]:
         mesh = self.surface_mesh

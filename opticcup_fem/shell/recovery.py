@@ -203,7 +203,7 @@ def capture(shell: Shell, state: ShellState, t_n: float) -> Snapshot | None:
         region[cells] = shell.surface_mesh.regions[name]
         fields = layer_fields(shell, state, name)
         layers |= {(name, layer): value for layer, value in fields.items()}
-        faces[name] = _faces(shell, state, name, fields)
+        faces[name] = layer_faces(shell, state, name, fields)
     mine = _Part(
         shell.reference[:owned],
         state.r[:owned],
@@ -244,11 +244,23 @@ class _Part(NamedTuple):
     faces: dict[str, Array]
 
 
-def _faces(shell: Shell, state: ShellState, region: str, fields: dict[str, LayerFields]) -> Array:
-    """Return the places of the layer faces at the cells' nodes, (n_cells, 10, n_layers + 1, 3).
+def layer_faces(
+    shell: Shell, state: ShellState, region: str, fields: dict[str, LayerFields] | None = None
+) -> Array:
+    """Return the places of the layer faces at the nodes of a region's cells.
 
     A face of height xi lies at the integral of the layers' mean lambda_3 from 0 to xi.
+
+    Args:
+        shell: The shell, at the growth that ``state`` belongs to.
+        state: The state.
+        region: Name of a region.
+        fields: Its layers' fields, where they are known already.
+
+    Returns:
+        Innermost face first, shape (n_cells, n_nodes, n_layers + 1, 3).
     """
+    fields = fields or layer_fields(shell, state, region)
     spaces, section = shell.spaces, shell.sections[region]
     cells = shell.region_cells(region)
     nodes = spaces.nodes[cells]

@@ -8,15 +8,17 @@ from mpi4py import MPI
 
 from opticcup_fem.case import Case
 from opticcup_fem.case.checks import require_cup
+from opticcup_fem.contact.report import contact_report
 from opticcup_fem.equilibrium.critical import CriticalPoint
 from opticcup_fem.equilibrium.path import PathPoint
 from opticcup_fem.errors import ClosureBreakdown, OpticCupError
 from opticcup_fem.shell.model import Shell
 from opticcup_fem.shell.recovery import capture, gather_nodes
-from opticcup_fem.studies.model import shell_of, stepping_of
+from opticcup_fem.studies.contact import TouchWatch
+from opticcup_fem.studies.model import Stepping, shell_of, stepping_of
 from opticcup_fem.studies.outcome import RunSummary, on_root
 from opticcup_fem.studies.progress import Progress, sentence
-from opticcup_fem.studies.recorder import Recorder, StateNumbers
+from opticcup_fem.studies.recorder import ContactNumbers, Recorder, StateNumbers
 
 
 def run(
@@ -31,7 +33,8 @@ def run(
         comm: MPI communicator, all ranks by default.
 
     Raises:
-        CaseError: The shape is not a cup, or the folder cannot be written.
+        CaseError: The shape is not a cup, the folder cannot be written, or an obstacle overlaps
+            the shell at the start.
         MeshError: The cup cannot be meshed as the case asks.
     """
     require_cup(case, 'run.model = "surface" is')
@@ -43,12 +46,13 @@ def run(
             shell = shell_of(case, comm)
             stepping = stepping_of(case, shell)
         stepping.count_iterations(progress.iteration)
-        crossed = False
+        watch = None if case.contact.mode == "off" else TouchWatch(case, shell, stepping)
+        ended = False
         for point in stepping.follow(shell.reference_state(), case.run.t_end, case.output.times):
-            if not _record(recorder, shell, point):
-                crossed = True
+            if not _record(recorder, stepping, point, watch):
+                ended = True
                 break
-        failure = None if crossed else stepping.failure()
+        failure = None if ended else stepping.failure()
     summary = None
     if recorder is not None:
         _record_breakdown(recorder, failure)
@@ -56,17 +60,23 @@ def run(
     return comm.bcast(summary)
 
 
-def _record(recorder: Recorder | None, shell: Shell, point: PathPoint) -> bool:
+def _record(
+    recorder: Recorder | None, stepping: Stepping, point: PathPoint, watch: TouchWatch | None
+) -> bool:
     """Record a state on rank 0; return on every rank whether the run goes on (collective)."""
+    shell, contact = stepping.problem.shell, stepping.problem.contact
     for critical in point.critical:
         _record_critical(recorder, shell, critical)
     snapshot = capture(shell, point.state, point.t_n)
+    touch = None if watch is None else watch.see(point, snapshot)
+    report = None if contact is None else contact_report(contact, point.state)
     goes_on = True
     if recorder is not None and snapshot is not None:
         numbers = StateNumbers(
             point.jump, point.iterations, point.negative_eigenvalues, point.residual, point.energy
         )
-        goes_on = recorder.accept(snapshot, numbers)
+        nearest = None if watch is None else watch.nearest
+        goes_on = recorder.accept(snapshot, numbers, ContactNumbers(nearest, touch, report))
     return bool(shell.comm.bcast(goes_on))
 
 

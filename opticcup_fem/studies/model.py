@@ -19,7 +19,8 @@ from opticcup_fem.shell.growth import GrowthLaw, LinearGrowth
 from opticcup_fem.shell.imperfection import Imperfection, draw_imperfection
 from opticcup_fem.shell.model import Shell
 from opticcup_fem.shell.section import Layer, Section
-from opticcup_fem.shell.supports import rigid_modes_of_cup
+from opticcup_fem.shell.supports import free, rigid_modes_of_cup
+from opticcup_fem.studies.contact import contact_of
 from opticcup_fem.studies.stability import critical_points_of
 
 PATIENCE = 25
@@ -89,7 +90,10 @@ Stepping = LoadStepping | BranchStepping
 def stepping_of(case: Case, shell: Shell) -> Stepping:
     """Return what follows the path that a case asks for (collective)."""
     solver = case.solver
-    problem = Problem(shell, rigid_modes_of_cup(shell))
+    contact = contact_of(case, shell)
+    beside_obstacles = contact is not None and contact.has_obstacles
+    held = free(shell) if beside_obstacles else rigid_modes_of_cup(shell)
+    problem = Problem(shell, held, contact)
     iterations, wandering = solver.max_iterations, WANDERING
     if case.run.follow != "stable":  # beside a bifurcation a good iteration is long, and wanders
         iterations, wandering = max(PATIENCE, iterations), math.inf

@@ -73,4 +73,5 @@ def sentence(event: Mapping[str, Any]) -> str:
     """
     kind = str(event["kind"]).replace("_", " ")
     wave = f", m = {event['wavenumber']}" if "wavenumber" in event else ""
-    return f"{kind} ({event['type']}{wave}) at t_n = {event['t_n']:.4f}"
+    parts = f", {event['parts']}" if "parts" in event else ""
+    return f"{kind} ({event['type']}{wave}{parts}) at t_n = {event['t_n']:.4f}"

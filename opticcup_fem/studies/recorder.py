@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from opticcup_fem.case import Case, case_to_toml
+from opticcup_fem.contact.report import ContactReport
+from opticcup_fem.contact.touch import Nearest
 from opticcup_fem.crossing import Crossing, surface_check
 from opticcup_fem.equilibrium.critical import CriticalPoint
 from opticcup_fem.events import Event, detect_events, event, with_limit_points
@@ -40,6 +42,21 @@ class StateNumbers:
     energy: float
 
 
+@dataclass(frozen=True)
+class ContactNumbers:
+    """What is known of contact in an accepted state.
+
+    Attributes:
+        nearest: The nearest parts of the shell, None where none are near or none were looked for.
+        touch: Fields of the first touch, if it happened on the way to this state.
+        report: Energy and forces, where contact is resisted.
+    """
+
+    nearest: Nearest | None = None
+    touch: dict[str, Any] | None = None
+    report: ContactReport | None = None
+
+
 class Recorder:
     """Writes a run folder from snapshots; lives on one process."""
 
@@ -59,20 +76,32 @@ class Recorder:
         self._modes: list[CriticalMode] = []
         self._last_sectioned = False
 
-    def accept(self, snapshot: Snapshot, numbers: StateNumbers) -> bool:
+    def accept(
+        self, snapshot: Snapshot, numbers: StateNumbers, contact: ContactNumbers | None = None
+    ) -> bool:
         """Record an accepted state.
 
         Returns:
-            False if the surface crosses itself: the state is then not a row, and the run ends.
+            False if the run ends in contact: the surface crosses itself, or its faces have met
+            and the run is to end there.  The state is then not a row.
         """
+        contact = contact or ContactNumbers()
         if self._observer is None:
             self._observer = Observer(snapshot)
             self._check, self._subdivision = surface_check(snapshot)
-        row = self._row(snapshot, numbers)
-        crossing = self._check(self._subdivision.matrix @ snapshot.position)
-        if crossing is not None:
-            self._end_in_contact(row, crossing)
-            return False
+        if contact.report is not None:
+            snapshot = replace(snapshot, contact_traction=contact.report.traction(snapshot))
+        row = self._row(snapshot, numbers) | self._contact_columns(snapshot, contact)
+        if contact.touch is not None:
+            self._note_touch(contact.touch)
+            table = self.case.contact
+            if table.mode == "stop" and table.stop_at == "thickness":
+                return False
+        if self.case.contact.mode != "off":
+            crossing = self._check(self._subdivision.matrix @ snapshot.position)
+            if crossing is not None:
+                self._end_in_contact(row, crossing)
+                return False
         if self.case.output.states:
             self.folder.write_state(snapshot, jump=numbers.jump)
         self.folder.append(row)
@@ -149,6 +178,23 @@ class Recorder:
             "energy": numbers.energy,
         }
 
+    def _contact_columns(self, snapshot: Snapshot, contact: ContactNumbers) -> dict[str, Any]:
+        """Return the least gap and, where contact is resisted, what it does."""
+        h = self.case.shape.thickness
+        columns: dict[str, Any] = {
+            "gap_over_h": None if contact.nearest is None else contact.nearest.gap / h
+        }
+        if contact.report is not None:
+            columns |= contact.report.columns(snapshot)
+        return columns
+
+    def _note_touch(self, touch: dict[str, Any]) -> None:
+        """Record where faces first met."""
+        fields = {key: value for key, value in touch.items() if key != "t_n"}
+        t_n = float(touch["t_n"])
+        self.recorded.append(event("self_contact", "thickness", t_n, self._kappa(t_n), **fields))
+        self.progress.event(self.recorded[-1])
+
     def _write_state(self, snapshot: Snapshot, jump: bool) -> None:
         """Write fields at the output times, sections there and on both sides of a jump."""
         due = any(abs(snapshot.t_n - t) < 1e-12 for t in self.case.output.times)
@@ -178,4 +224,5 @@ class Recorder:
         contact = event("self_contact", "mid-surface", t_n, self._kappa(t_n), **crossing.describe())
         self.recorded.append(contact)
         for one in self.recorded:
-            self.progress.event(one)
+            if one["type"] != "thickness":  # announced when it happened
+                self.progress.event(one)

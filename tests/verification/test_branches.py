@@ -22,10 +22,7 @@ from opticcup_fem.shell.recovery import capture
 from opticcup_fem.studies.model import growth_of, mesh_of, sections_of, stepping_of
 
 T_N = 0.31
-MESHES = {
-    "coarse": {"cell_size_cap": 0.34, "cell_size_interface": 0.16, "cell_size_oov": 0.4},
-    "fine": {"cell_size_cap": 0.34, "cell_size_interface": 0.12, "cell_size_oov": 0.3},
-}
+SIZES = {"cell_size_cap": 0.34, "cell_size_interface": 0.12, "cell_size_oov": 0.3}
 
 
 @dataclass
@@ -58,10 +55,10 @@ class Cup:
         return check(subdivision.matrix @ snapshot.position) is not None
 
 
-def cup(ratio: float, mesh: SurfaceMesh | None, sizes: dict[str, float]) -> Cup:
+def cup(ratio: float, mesh: SurfaceMesh | None) -> Cup:
     """Return a cup, on the mesh of another one where it is given."""
     case = parse_case(
-        {"shape": {"radius_over_thickness": ratio}, "mesh": sizes, "run": {"t_end": T_N}}
+        {"shape": {"radius_over_thickness": ratio}, "mesh": dict(SIZES), "run": {"t_end": T_N}}
     )
     mesh = mesh or mesh_of(case, MPI.COMM_SELF)
     shell = Shell(mesh, sections_of(case), growth_of(case), case.material.closure)
@@ -76,40 +73,31 @@ def axisymmetric_state(one: Cup, t_end: float = T_N) -> PathPoint:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", MESHES)
-def test_slit_beside_the_stable_axisymmetric_cup(name: str) -> None:
-    """R/h = 13, 12: both cups are stable; the slit is the lower at 13, the higher at 12."""
-    sizes = MESHES[name]
-    slender = cup(15.0, None, sizes)
+def test_slit_beside_the_stable_axisymmetric_cup() -> None:
+    """R/h = 13, t_n = .31: both cups are stable, the slit is the lower one and ends going back.
+
+    The chain R/h = 15, 14, 13.5, 13 leads from a state that the bifurcation explains to one that
+    exists beside the axisymmetric cup.  Where the slit ends depends on the mesh
+    (docs/stability.md).
+    """
+    slender = cup(15.0, None)
     mesh = slender.shell.surface_mesh
     before = axisymmetric_state(slender, 0.27)
     critical = slender.stepping.critical
     assert critical is not None
     slender.shell.set_time(0.27)
     mode = critical.spectrum.modes(before.state)[0]
-    slit = slender.at(mode.moved(before.state, 0.3))
-    assert slender.slit(slit.state) > 0.2
-    differences = {}
-    for ratio in (13.0, 12.0):
-        one = cup(ratio, mesh, sizes)
-        round_cup = axisymmetric_state(one)
-        assert round_cup.negative_eigenvalues == 0 and one.slit(round_cup.state) < 0.05
-        other = one.at(slit.state)
-        print(
-            ratio,
-            "slit",
-            one.slit(other.state),
-            other.energy,
-            round_cup.energy,
-            "crosses",
-            one.crosses_itself(other.state),
-        )
-        assert other.negative_eigenvalues == 0 and one.slit(other.state) > 0.2
-        differences[ratio] = other.energy / round_cup.energy - 1
-        if ratio == 13.0:
-            back = list(one.stepping.follow(other.state, 0.02, t_start=T_N))
-            ends = [c for p in back for c in p.critical]
-            print("back", [(p.t_n, p.jump, round(one.slit(p.state), 3)) for p in back])
-            print([(c.kind, c.t_n, c.content.describe()) for c in ends])
-    print(differences)
-    assert differences[13.0] < 0 < differences[12.0]
+    state = mode.moved(before.state, 0.3)
+    for ratio in (15.0, 14.0, 13.5, 13.0):
+        one = cup(ratio, mesh)
+        slit = one.at(state)
+        state = slit.state
+        assert slit.negative_eigenvalues == 0 and one.slit(state) > 0.4
+    assert not one.crosses_itself(state)
+    round_cup = axisymmetric_state(one)
+    assert round_cup.negative_eigenvalues == 0 and one.slit(round_cup.state) < 0.02
+    assert -1e-3 < slit.energy / round_cup.energy - 1 < 0
+    back = list(one.stepping.follow(state, 0.29, t_start=T_N))
+    (end,) = (critical for point in back for critical in point.critical)
+    assert end.kind == "limit_point"
+    assert end.t_n == pytest.approx(0.3035, abs=5e-3)

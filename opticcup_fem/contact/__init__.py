@@ -1,0 +1,1 @@
+"""Contact of a shell with itself and with rigid obstacles, thickness respected."""

@@ -1,0 +1,194 @@
+r"""The surfaces that can touch: both faces of a shell, and rigid obstacles, as flat triangles.
+
+The faces are cut into flat triangles whose corners are linear in the nodes of the mid-surface:
+
+    v = P (r + o),
+
+r the nodes' positions, o the vectors from there to a face (lagged data, see ``faces``), P the
+cubic interpolation of ``snapshot.subdivide``.  Vertices are numbered: inner face, outer face,
+obstacles.
+
+A shell's layers are thicker than its vertices are apart, so that neighbours along the shell are
+always "near".  Parts nearer than a given distance in the reference surface never collide.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import ipctk
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.spatial import cKDTree
+
+from opticcup_fem.contact.obstacles import Obstacle, ObstacleMesh, joined
+from opticcup_fem.snapshot import Floats, Integers, subdivide
+
+
+class ContactSurface:
+    """Collision mesh of a shell's two faces and of obstacles; serial.
+
+    Attributes:
+        n_nodes: Nodes of the mid-surface.
+        n_face: Vertices of one face.
+        map: P, shape (n_face, n_nodes).
+        triangles: Triangles of all, shape (n_triangles, 3).
+        mesh: IPC Toolkit's mesh.
+    """
+
+    def __init__(
+        self,
+        reference: Floats,
+        cells: Integers,
+        orientation: Floats,
+        exempt: float,
+        parts: int = 3,
+        obstacles: Sequence[Obstacle] = (),
+    ) -> None:
+        """Build the mesh.
+
+        Args:
+            reference: Reference positions of the nodes, shape (n_nodes, 3).
+            cells: Nodes of the cubic cells, shape (m, 10).
+            orientation: +1 where a cell's nodes wind as the outside demands, else -1, shape (m,).
+            exempt: Parts nearer than this in the reference position never collide.
+            parts: Parts of each cell's edge; with 3 the vertices are the nodes.
+            obstacles: Rigid bodies.
+        """
+        self.n_nodes = len(reference)
+        cut = subdivide(cells, parts, orientation=orientation, n_nodes=self.n_nodes)
+        self.map: sparse.csr_array = cut.matrix
+        self.n_face = n = cut.matrix.shape[0]
+        self.obstacles = tuple(obstacles)
+        self._rigid: ObstacleMesh = joined(self.obstacles, 0.0)
+        outer = cut.triangles + n
+        inner = cut.triangles[:, ::-1]
+        rigid = self._rigid.triangles + 2 * n
+        self.triangles: NDArray[np.int32] = np.concatenate([inner, outer, rigid]).astype(np.int32)
+        rest = self.map @ reference
+        self.mesh = _collision_mesh(
+            np.concatenate([rest, rest, _shrunk(self._rigid, rest, cut.triangles)]), self.triangles
+        )
+        self.mesh.can_collide = self._filter(rest, cut.triangles, exempt)
+        both = sparse.vstack(
+            [self.map, self.map, sparse.csr_array((len(self._rigid.vertices), self.n_nodes))]
+        )
+        self._pull = sparse.csr_array(sparse.kron(both, sparse.eye_array(3)))
+        self._pull_back = sparse.csr_array(self._pull.T)
+
+    def _filter(
+        self, rest: Floats, triangles: NDArray[np.int32], exempt: float
+    ) -> ipctk.CollisionFilter:
+        """Return which vertices can collide: no neighbours, no two of obstacles.
+
+        The faces of a closed surface have the shell between them everywhere: only an open one
+        can touch its inner face with its outer.
+        """
+        n, obstacles = self.n_face, len(self._rigid.vertices)
+        allowed = ipctk.make_static_obstacle_filter(2 * n)
+        _, count = np.unique(
+            np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1),
+            axis=0,
+            return_counts=True,
+        )
+        closed = bool((count == 2).all())
+        if closed:
+            side = np.repeat([0, 1, 2], [n, n, obstacles]).astype(np.int32)
+            body = np.repeat([0, 1], [2 * n, obstacles]).astype(np.int32)
+            same_side = ~ipctk.make_vertex_patches_filter(side)
+            allowed = allowed & (same_side | ipctk.make_vertex_patches_filter(body))
+        pairs = _neighbours(rest, triangles, exempt, across=not closed)
+        return allowed & ipctk.make_sparse_filter(pairs, True)
+
+    def vertices(self, r: Floats, offsets: Floats, time: float = 0.0) -> Floats:
+        """Return the places of all vertices, shape (n_vertices, 3), in Fortran's order.
+
+        Args:
+            r: Positions of the nodes, shape (n_nodes, 3).
+            offsets: Vectors from the nodes to the inner and the outer face, shape (n_nodes, 2, 3).
+            time: Normalised time, for obstacles that move.
+        """
+        faces = [self.map @ (r + offsets[:, k]) for k in (0, 1)]
+        placed = joined(self.obstacles, time).vertices
+        return np.asfortranarray(np.concatenate([*faces, placed]))
+
+    def pull_back(self, forces: Floats) -> Floats:
+        """Return what forces on the vertices, shape (n_vertices, 3), do on the nodes."""
+        pulled: Floats = (self._pull_back @ forces.ravel()).reshape(-1, 3)
+        return pulled
+
+    def pull_back_matrix(self, hessian: sparse.csc_matrix) -> sparse.csr_array:
+        """Return a Hessian in the vertices as one in the nodes, shape (3 n_nodes, 3 n_nodes)."""
+        pulled = sparse.csr_array(self._pull_back @ sparse.csr_array(hessian) @ self._pull)
+        pulled.eliminate_zeros()
+        return pulled
+
+    def side(self, vertices: Integers) -> Integers:
+        """Return 0 for vertices of the inner face, 1 of the outer, 2 of an obstacle."""
+        sides: Integers = np.minimum(vertices // self.n_face, 2)
+        return sides
+
+
+def _collision_mesh(rest: Floats, triangles: NDArray[np.int32]) -> ipctk.CollisionMesh:
+    faces = np.asfortranarray(triangles)
+    mesh = ipctk.CollisionMesh(np.asfortranarray(rest), ipctk.edges(faces), faces)
+    mesh.init_adjacencies()
+    return mesh
+
+
+def _shrunk(rigid: ObstacleMesh, rest: Floats, triangles: NDArray[np.int32]) -> Floats:
+    """Return obstacles' vertices drawn together until their triangles are no larger than a face's.
+
+    The toolkit takes weights from the rest positions: a pair weighs as the area of its parts, and
+    the edge between the two large triangles of a plate would weigh as much as the plate.
+    """
+    if len(rigid.triangles) == 0:
+        return rigid.vertices
+    areas = [_areas(rest, triangles), _areas(rigid.vertices, rigid.triangles)]
+    shrink = min(1.0, float(np.sqrt(np.median(areas[0]) / areas[1].max())))
+    shrunk: Floats = shrink * rigid.vertices
+    return shrunk
+
+
+def _areas(vertices: Floats, triangles: NDArray[np.int32]) -> Floats:
+    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    areas: Floats = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+    return areas
+
+
+def vertex_sizes(vertices: Floats, triangles: NDArray[np.int32]) -> Floats:
+    """Return the length of the longest edge at each vertex, shape (n,)."""
+    size = np.zeros(len(vertices))
+    for first, second in ((0, 1), (1, 2), (2, 0)):
+        ends = triangles[:, [first, second]]
+        length = np.linalg.norm(vertices[ends[:, 0]] - vertices[ends[:, 1]], axis=1)
+        np.maximum.at(size, ends, length[:, None])
+    return size
+
+
+def _neighbours(
+    rest: Floats, triangles: NDArray[np.int32], distance: float, across: bool
+) -> dict[tuple[int, int], bool]:
+    """Return pairs of vertices that do not collide, each with False.
+
+    Parts collide if any of their vertices may.  So that no parts nearer than the distance do,
+    vertices are exempt up to that distance and the sizes of their triangles more.
+
+    Args:
+        rest: Reference positions of one face's vertices, shape (n, 3).
+        triangles: Its triangles.
+        distance: In the reference position.
+        across: Whether to return pairs of one vertex on each face, too.
+    """
+    n, size = len(rest), vertex_sizes(rest, triangles)
+    near = cKDTree(rest).query_pairs(distance + 2 * size.max(), output_type="ndarray")
+    apart = np.linalg.norm(rest[near[:, 0]] - rest[near[:, 1]], axis=1)
+    near = np.sort(near[apart < distance + size[near].sum(axis=1)], axis=1)
+    pairs = [near, near + n]
+    if across:
+        other = np.array([0, n])
+        same = np.repeat(np.arange(n)[:, None], 2, axis=1)
+        pairs += [near + other, near[:, ::-1] + other, same + other]
+    low, high = np.concatenate(pairs).T.tolist()
+    return dict.fromkeys(zip(low, high, strict=True), False)

@@ -1,0 +1,165 @@
+"""Contact of a whole shell: with itself and with obstacles, in equilibrium.
+
+What matters: the problem's gradient and tangent are those of its energy, across parts that are not
+neighbours; nothing changes where nothing touches; a pressed sphere is held by its plates, balances
+their forces, and comes back; obstacles that overlap are refused.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from opticcup_fem.contact.model import Contact, ContactSettings
+from opticcup_fem.contact.obstacles import Plate
+from opticcup_fem.contact.report import contact_report, nodal_areas
+from opticcup_fem.equilibrium.jumps import make_relaxation
+from opticcup_fem.equilibrium.newton import MixedNewton
+from opticcup_fem.equilibrium.path import LoadStepping, PathPoint, StepControl
+from opticcup_fem.equilibrium.problem import Problem
+from opticcup_fem.errors import CaseError
+from opticcup_fem.shell.model import Shell
+from opticcup_fem.shell.recovery import capture
+from opticcup_fem.shell.supports import Mask, free, held_components, rigid_modes_of_cup
+from tests.support.shells import ALPHA, disturbed, sphere_shell, wall
+
+H = 0.1
+SETTINGS = ContactSettings(distance=0.02, stiffness=1.0)
+DEPTH = 0.06
+"""How far each plate has moved into the sphere at t_n = 1."""
+
+
+def plates(gap: float, depth: float = DEPTH) -> list[Plate]:
+    """Two plates that stand ``gap`` off the sphere's outer face and move in evenly."""
+    height = 1 + H / 2 + gap
+    return [
+        Plate((0, 0, side * height), (0, 0, 1), 3.0, velocity=(0, 0, -side * (depth + gap)))
+        for side in (1, -1)
+    ]
+
+
+def upright(shell: Shell) -> Mask:
+    """Hold both poles on the axis, and the turn about it: plates push along it."""
+    side = (np.sin(ALPHA), 0.0, np.cos(ALPHA))
+    return held_components(shell, [((0, 0, -1), "xy"), ((0, 0, 1), "xy"), (side, "y")])
+
+
+@pytest.fixture(scope="module")
+def shell() -> Shell:
+    return sphere_shell(wall(H))
+
+
+@pytest.fixture(scope="module")
+def squeezed(shell: Shell) -> tuple[LoadStepping, list[PathPoint]]:
+    """A sphere squeezed between two plates, and the states on the way."""
+    problem = Problem(shell, upright(shell), Contact(shell, SETTINGS, plates(0.021)))
+    newton = MixedNewton(problem)
+    control = StepControl(initial=0.1, largest=0.25, smallest=1e-3)
+    stepping = LoadStepping(problem, newton, make_relaxation(problem, newton), control)
+    points = list(stepping.follow(shell.reference_state(), 1.0))
+    assert stepping.failure() is None
+    return stepping, points
+
+
+def test_gradient_and_tangent_are_derivatives_of_the_energy(shell: Shell) -> None:
+    """Of shell and contact together, in a state that touches: remainders of order 2 and 3."""
+    contact = Contact(shell, SETTINGS, plates(0.012))
+    problem = Problem(shell, free(shell), contact)
+    shell.set_time(0.0)
+    state = problem.with_contact(disturbed(shell, 1e-4))
+    assert contact.gap(state) < 0.02
+    cells = shell.condensed(state)
+    gradient = problem.vector.duplicate()
+    problem.assemble_gradient(cells, state, gradient)
+    far = problem.contact_stiffness(state)
+    assert far is not None
+    problem.assemble_tangent(cells, far)
+    local = np.zeros(len(problem.held))
+    local[: state.r.size] = np.random.default_rng(4).normal(size=state.r.size)
+    local[problem.held] = 0.0
+    dr, dalpha = problem.split(local)
+    direction = problem.vector.duplicate()
+    direction.array[:] = problem.global_values(replace(state, r=dr, alpha=dalpha))
+    image = direction.duplicate()
+    problem.matrix.mult(direction, image)
+    slope, bend = gradient.dot(direction), direction.dot(image)
+    steps, rests = 2e-4 * 0.5 ** np.arange(4), []
+    start = problem.energy(state)
+    for step in steps:
+        moved = replace(state, r=state.r + step * dr)
+        change = problem.energy(shell.with_local_equilibrium(moved)) - start
+        rests.append((abs(change - step * slope), abs(change - step * slope - step**2 * bend / 2)))
+    first, second = np.polyfit(np.log(steps), np.log(rests), 1)[0]
+    assert first == pytest.approx(2, abs=0.15)
+    assert second == pytest.approx(3, abs=0.4)
+
+
+def test_plates_hold_the_sphere(squeezed: tuple[LoadStepping, list[PathPoint]]) -> None:
+    """Faces stay outside the plates; their forces balance and grow as they close in."""
+    stepping, points = squeezed
+    problem, contact = stepping.problem, stepping.problem.contact
+    assert contact is not None
+    forces = []
+    for point in points:
+        problem.shell.set_time(point.t_n)
+        assert point.negative_eigenvalues == 0
+        snapshot = capture(problem.shell, point.state, point.t_n)
+        report = contact_report(contact, point.state)
+        assert snapshot is not None and report is not None
+        height = 1 + H / 2 + 0.021 - point.t_n * (DEPTH + 0.021)
+        for faces in snapshot.faces.values():
+            assert np.abs(faces[..., 2]).max() < height
+        above = report.forces[:, 2] < 0
+        assert (snapshot.position[above, 2] > 0.8).all()
+        total = report.forces.sum(axis=0)
+        assert abs(total[2]) < 1e-3 * np.abs(report.forces).sum() + 1e-9
+        forces.append(-report.forces[above, 2].sum())
+        if forces[-1] > 0:
+            columns = report.columns(snapshot)
+            # from the one plate to the other
+            assert columns["touching_length_over_R"] == pytest.approx(2 * (height - H / 2), rel=0.1)
+            assert columns["contact_force"] >= 2 * forces[-1] * (1 - 1e-3)
+    assert forces[0] == 0
+    assert (np.diff(forces) >= 0).all() and forces[-1] > 0
+
+
+def test_squeezed_sphere_comes_back(squeezed: tuple[LoadStepping, list[PathPoint]]) -> None:
+    """Followed down in t_n the plates open and the sphere is as it was."""
+    stepping, points = squeezed
+    *_, last = stepping.follow(points[-1].state, 0.0, t_start=1.0)
+    assert last.t_n == 0.0 and last.state.contact is not None
+    assert not last.state.contact.touches
+    np.testing.assert_allclose(last.state.r, points[0].state.r, atol=1e-6)
+
+
+def test_nothing_changes_where_nothing_touches() -> None:
+    """The same states, bit by bit, with contact that is never made."""
+    grown = sphere_shell(wall(H), rate=0.5)
+    ends = []
+    for contact in (None, Contact(grown, SETTINGS)):
+        problem = Problem(grown, rigid_modes_of_cup(grown), contact)
+        newton = MixedNewton(problem)
+        stepping = LoadStepping(
+            problem, newton, make_relaxation(problem, newton), StepControl(initial=0.2, largest=0.5)
+        )
+        ends.append([*stepping.follow(grown.reference_state(), 1.0)])
+    assert len(ends[0]) == len(ends[1])
+    for one, other in zip(*ends, strict=True):
+        assert np.array_equal(one.state.r, other.state.r)
+        assert one.energy == other.energy and one.iterations == other.iterations
+
+
+def test_overlapping_obstacle_is_refused(shell: Shell) -> None:
+    """One sentence that says what to do."""
+    shell.set_time(0.0)
+    with pytest.raises(CaseError, match="overlaps the shell at the start: move it"):
+        Contact(shell, SETTINGS, plates(-0.02))
+
+
+def test_nodal_areas_are_those_of_the_surface(shell: Shell) -> None:
+    """They are positive and their sum is 4 pi, but for the flatness of triangles."""
+    snapshot = capture(shell, shell.reference_state(), 0.0)
+    assert snapshot is not None
+    areas = nodal_areas(snapshot)
+    assert areas.shape == (len(snapshot.reference),) and (areas > 0).all()
+    assert areas.sum() == pytest.approx(4 * np.pi, rel=0.01)
