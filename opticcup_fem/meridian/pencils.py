@@ -173,6 +173,9 @@ class Pencil:
             with unit mass; k is less than ``count`` where SLEPc does not find so many.
         """
         solver = self._solver
+        if count != solver.getDimensions()[0]:
+            # else SLEPc 3.22 repeats an eigenvalue in place of the next, where vectors are deflated
+            solver.reset()
         solver.setOperators(self._stiffness, self._mass)
         if len(aside):
             vectors = [PETSc.Vec().createWithArray(row, comm=MPI.COMM_SELF) for row in aside]

@@ -49,15 +49,19 @@ def test_eigenvalues_are_the_meridians() -> None:
                 content = classify(point.state, mode)
                 assert content.purity > 0.99
                 values.setdefault(content.wavenumber, []).append(mode.eigenvalue)
-    points = [p for p in path_of(case).follow(TIMES[-1], TIMES) if p.t_n in TIMES and p.followed]
-    expected = {p.t_n: {m: p.spectra[m].nearest for m in range(5)} for p in points}
-    assert set(expected) == set(found) == set(TIMES)
-    for t_n, m in ((t_n, m) for t_n in TIMES for m in range(5)):
-        lowest = found[t_n][m][: 1 if m == 0 else 2]
-        print(f"t_n = {t_n}, m = {m}: {expected[t_n][m]:.6f}, surface", np.round(lowest, 6))
-        assert np.mean(lowest) == pytest.approx(expected[t_n][m], rel=0.02)
+    path = path_of(case)
+    points = [p for p in path.follow(TIMES[-1], TIMES) if p.t_n in TIMES and p.followed]
+    assert [p.t_n for p in points] == list(TIMES) == list(found)
+    for point, m in ((point, m) for point in points for m in range(5)):
+        # those of m = 4 lie behind many others: its second one is not among the surface's
+        count = 1 if m == 4 else 2
+        modes = path.waves.modes(point.state, point.t_n, m, count)
+        expected = np.array([mode.eigenvalue for mode in modes])
+        pairs = np.reshape(found[point.t_n][m][: count * min(m + 1, 2)], (count, -1))
+        print(f"t_n = {point.t_n}, m = {m}:", expected, "surface", pairs.round(6).tolist())
+        np.testing.assert_allclose(pairs.mean(axis=1), expected, rtol=0.02)
         # the mesh splits the pair cos m phi, sin m phi by less than it is off
-        assert np.ptp(lowest) < 5e-3 * expected[TIMES[0]][m]
+        assert np.ptp(pairs, axis=1).max() < 3e-5
 
 
 def radius(shell: Shell, state: ShellState) -> float:
@@ -154,5 +158,5 @@ def test_imperfect_cup_bends_before_the_bifurcation() -> None:
     print("twice", [(twice[t] - own[t]) / response[t] for t in times])
     print("opposite", [(opposite[t] - own[t]) / response[t] for t in times])
     for t_n in times:
-        assert twice[t_n] - own[t_n] == pytest.approx(2 * response[t_n], rel=0.05)
-        assert opposite[t_n] - own[t_n] == pytest.approx(-response[t_n], rel=0.05)
+        assert twice[t_n] - own[t_n] == pytest.approx(2 * response[t_n], rel=1e-3)
+        assert opposite[t_n] - own[t_n] == pytest.approx(-response[t_n], rel=1e-3)
