@@ -65,6 +65,7 @@ def invoke(capsys):
 
 # what is typed after `opticcup`, then what the one line must hold
 WRONG = {
+    "no case": (["run"], ["CASE.toml", "--resume DIR"]),
     "no such file": (["run", "absent.toml"], ["absent.toml", "no such case file"]),
     "a folder": (["theory", "."], ["cannot be read"]),
     "not TOML": (["theory", "broken.toml"], ["broken.toml", "not valid TOML", "line 1"]),
@@ -129,7 +130,7 @@ def test_a_read_only_folder_is_refused(invoke, tmp_path, study):
     assert "cannot write there (Permission denied)" in result.stderr
 
 
-@pytest.mark.parametrize("arguments", [["run"], ["run", CHICK, "--fast"], ["grow", CHICK]])
+@pytest.mark.parametrize("arguments", [["run", CHICK, "--fast"], ["grow", CHICK], ["theory"]])
 def test_wrong_usage_prints_the_usage_and_code_2(invoke, arguments):
     result = invoke(*arguments)
     assert (result.exit_code, result.stdout) == (2, "")

@@ -1,9 +1,8 @@
-"""What an import loads: the theory needs NumPy only, and help must answer at once."""
+"""What an import loads: the theory needs NumPy only, and help next to nothing."""
 
 import os
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -46,7 +45,7 @@ def test_cases_load_no_solver():
 
 
 @pytest.mark.parametrize("command", ["", "run", "theory", "mesh", "sweep", "reproduce", "predict"])
-def test_help_is_light_and_quick(command):
+def test_help_is_light(command):
     arguments = [*([command] if command else []), "--help"]
     code = (
         "import opticcup_fem.cli as cli\n"
@@ -54,14 +53,7 @@ def test_help_is_light_and_quick(command):
         "except SystemExit as ended: assert ended.code == 0\n"
         "pass"
     )
-    times = []
-    for _ in range(3):  # the quickest counts: the machine may be busy with something else
-        start = time.perf_counter()
-        loaded = loaded_after(code)
-        times.append(time.perf_counter() - start)
-        if times[-1] < 1.0:
-            break
-    assert min(times) < 1.0
+    loaded = loaded_after(code)
     assert not loaded & {*HEAVY, "numpy", "pydantic"}
 
 

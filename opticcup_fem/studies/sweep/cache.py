@@ -36,6 +36,7 @@ SOURCES = {
     ),
     "surface": (
         *_SHARED,
+        "contact",
         "crossing.py",
         "equilibrium",
         "mesh",
@@ -43,6 +44,7 @@ SOURCES = {
         "sampling.py",
         "sections.py",
         "snapshot.py",
+        "studies/contact.py",
         "studies/cup.py",
         "studies/recorder.py",
         "studies/stability.py",
