@@ -112,7 +112,7 @@ class BranchPath:
         """Yield the states of the branch, stable or not, limit points included (collective).
 
         Args:
-            critical: The bifurcation; the first state carries it.
+            critical: The bifurcation; the state beside it is the first.
             bounds: The branch is followed while t_n lies between them.
             longest: Longest arc.
         """
@@ -132,7 +132,8 @@ class BranchPath:
         if last is None:
             self._ending = Ending(critical.at, min(map(abs, PUSHES)), None)
             return
-        point = replace(self._point(equations, last), critical=(critical,))
+        yield self._bifurcation(equations, critical)
+        point = self._point(equations, last)
         yield point
         while last.arc < longest:
             continuation = Continuation(equations, self.control, monitor=self.monitor)
@@ -157,6 +158,20 @@ class BranchPath:
     def is_empty(self) -> bool:
         """Whether no state has been found on it."""
         return self._accepted == 0
+
+    def _bifurcation(self, equations: ShellEquations, critical: CriticalPoint) -> PathPoint:
+        """Return the state beside a bifurcation as the first point of its branch (collective)."""
+        residual = equations.linearise(equations.pack(critical.state), critical.at).residual
+        return PathPoint(
+            critical.at,
+            critical.state,
+            False,
+            sum(value < 0 for value in critical.eigenvalues),
+            0,
+            residual,
+            self.problem.shell.energy(critical.state),
+            (critical,),
+        )
 
     def _point(self, equations: ShellEquations, solution: PathState) -> PathPoint:
         """Return a solution as a point of a path; the tangent is that of its last iterate."""
