@@ -1,5 +1,5 @@
 # Each target sets up the environment first, once (docker/README.md).
-.PHONY: help demo test test-slow test-mpi lint format clean
+.PHONY: help demo test test-slow test-mpi test-next lint format clean
 
 RUN := docker/run
 PYTHON_FILES := opticcup_fem tests $(wildcard demos benchmarks meshes)
@@ -9,6 +9,7 @@ help:
 	@echo 'make test       the tests that take seconds'
 	@echo 'make test-slow  the others: convergence, published curves, whole runs'
 	@echo 'make test-mpi   the tests marked mpi, on 2 and on 3 processes'
+	@echo 'make test-next  make test, on the dolfinx of Debian sid'
 	@echo 'make lint       ruff and mypy'
 	@echo 'make format     ruff, writing'
 	@echo 'make clean      remove what the tests and tools left here (results stay)'
@@ -26,6 +27,9 @@ test-slow:
 test-mpi:
 	@$(RUN) mpirun -n 2 python3 -m pytest -m mpi -p no:cacheprovider --color=no -q
 	@$(RUN) mpirun -n 3 python3 -m pytest -m mpi -p no:cacheprovider --color=no -q
+
+test-next:
+	@OPTICCUP_SUITE=sid $(RUN) python3 -m pytest -m 'not slow'
 
 lint:
 	@$(RUN) ruff check $(PYTHON_FILES)
