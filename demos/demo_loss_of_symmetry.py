@@ -1,3 +1,4 @@
+# %% [markdown]
 # # A slender cup loses its symmetry
 #
 # Past a slenderness the cup does not deepen: it buckles into a slit, and the eye is abnormal. The
@@ -11,7 +12,7 @@
 # Run it with `docker/run python3 demos/demo_loss_of_symmetry.py [--coarse]`, alone or under
 # `mpirun`. Without `--coarse` the branch on the surface takes some minutes.
 
-# +
+# %%
 import sys
 from pathlib import Path
 
@@ -22,8 +23,8 @@ from opticcup_fem import parse_case, read_events, read_path, run
 coarse = "--coarse" in sys.argv
 comm = MPI.COMM_WORLD
 folder = Path("results/demo_loss_of_symmetry")
-# -
 
+# %% [markdown]
 # ## Wavenumber by wavenumber
 #
 # In the wave exp(i m phi) a cup's second variation is a small symmetric matrix K_m on the
@@ -31,6 +32,7 @@ folder = Path("results/demo_loss_of_symmetry")
 # surface, as cos and sin. (Where a pair crosses zero together, det K does not change its sign:
 # count, never look at determinants.)
 
+# %%
 shape = {"radius_over_thickness": 15.0}
 case = parse_case(
     {
@@ -46,24 +48,28 @@ if comm.rank == 0:
     unstable = rows[["t_n", "negative_m0", "negative_m1", "negative_m2", "negative_m3"]]
     print(unstable[rows["t_n"] > 0.27].to_string(index=False))
 
+# %% [markdown]
 # ## Where, and with how many lobes
 #
 # Events of the part of the path that a growing cup never sees, behind its folds, are not
 # `followed`. An independent axisymmetric solver has the first loss of stability at t_n = 0.2829
 # with m = 2.
 
+# %%
 if comm.rank == 0:
     events = [e for e in read_events(folder / "meridian") if e.get("followed", True)]
     losses = [e for e in events if e["kind"] == "symmetry_breaking"]
     t_b, m_b = losses[0]["t_n"], losses[0]["wavenumber"]
     print(f"m = {m_b} at t_n = {t_b:.4f}; reference m = 2 at 0.2829")
 
+# %% [markdown]
 # ## The branch behind it
 #
 # On the surface, `run.follow = "branch"` keeps to the axisymmetric states up to the first loss
 # and then follows what leaves them, by arc length, stable or not. The bifurcation is subcritical:
 # the branch runs back in t_n.
 
+# %%
 if not coarse:
     tables = {
         "shape": shape,

@@ -1,3 +1,4 @@
+# %% [markdown]
 # # A geometry of one's own: an oval cap
 #
 # The eye field of an embryo is not round. The surface model takes any triangulation whose
@@ -11,7 +12,7 @@
 #
 # Run it with `docker/run python3 demos/demo_own_geometry.py [--coarse]`, alone or under `mpirun`.
 
-# +
+# %%
 import sys
 from pathlib import Path
 
@@ -37,8 +38,8 @@ coarse = "--coarse" in sys.argv
 comm = MPI.COMM_WORLD
 folder = Path("results/demo_own_geometry")
 t_end = 0.1
-# -
 
+# %% [markdown]
 # ## The mesh
 #
 # An elliptic cylinder along z cuts the unit sphere into the cap and the rest, the OOV. Gmsh finds
@@ -48,6 +49,7 @@ t_end = 0.1
 # and no approximation.
 
 
+# %%
 def oval_mesh(path: Path, long_axis: float, short_axis: float) -> None:
     """Write the unit sphere with an oval cap as a Gmsh file; on one process."""
     gmsh.initialize()
@@ -81,15 +83,18 @@ def oval_mesh(path: Path, long_axis: float, short_axis: float) -> None:
     gmsh.finalize()
 
 
+# %% [markdown]
 # ## The shell
 #
 # Layers and growth are the chick's. `grow` yields the stable equilibria on the way; a free shell
 # is held by six components, far apart and without force. The state at the end is gathered on the
 # first rank.
 
+# %%
 tissue = tissue_of(parse_case({}))
 
 
+# %%
 def grown(name: str, long_axis: float, short_axis: float):
     """Return the snapshot at the end on the first rank, None on the others (collective)."""
     path = folder / f"{name}.msh"
@@ -108,17 +113,20 @@ def grown(name: str, long_axis: float, short_axis: float):
     return snapshot
 
 
+# %%
 def height(snapshot) -> float:
     """Distance of the apex from the bottom pole, over R."""
     ends = [np.argmin(np.linalg.norm(snapshot.reference - [0, 0, z], axis=1)) for z in (1, -1)]
     return float(np.linalg.norm(np.subtract(*snapshot.position[ends])))
 
 
+# %% [markdown]
 # ## Round first
 #
 # A new geometry is worth something once it gives what is known. With equal semi-axes, sin 40
 # degrees, the cap is the chick's, and the axisymmetric model knows its height.
 
+# %%
 round_cup = grown("round", np.sin(np.radians(40)), np.sin(np.radians(40)))
 reference = run(
     parse_case(
@@ -134,10 +142,12 @@ if round_cup is not None:
     round_height = height(round_cup)
     print(f"height of the round cup {round_height:.4f}, of the axisymmetric one {expected:.4f}")
 
+# %% [markdown]
 # ## Then oval
 #
 # The same area of the outline in projection, a third longer than wide.
 
+# %%
 oval_cup = grown("oval", 0.742, 0.557)
 if oval_cup is not None:
     x, y, z = oval_cup.reference.T
@@ -147,5 +157,6 @@ if oval_cup is not None:
     print(f"height of the oval cup {height(oval_cup):.4f}")
     print(f"length over width of its outline: {before:.3f} before, {after:.3f} after growth")
 
+# %% [markdown]
 # `results/demo_own_geometry/*.vtu` opens in ParaView: colour by `lambda_3_iov`, warp by
 # `boundary_0`.

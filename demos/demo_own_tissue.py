@@ -1,3 +1,4 @@
+# %% [markdown]
 # # A tissue of one's own: three layers and a law of growth
 #
 # The optic cup has a bilayer cap, and the paper lets its layers grow linearly in time. Other
@@ -11,7 +12,7 @@
 #
 # Run it with `docker/run python3 demos/demo_own_tissue.py [--coarse]`, alone or under `mpirun`.
 
-# +
+# %%
 import sys
 from pathlib import Path
 
@@ -36,8 +37,8 @@ from opticcup_fem.shell.supports import rigid_modes
 
 coarse = "--coarse" in sys.argv
 comm = MPI.COMM_WORLD
-# -
 
+# %% [markdown]
 # ## A law
 #
 # A law takes the normalised time and the points of the layer, and returns the growth factor e and
@@ -46,6 +47,7 @@ comm = MPI.COMM_WORLD
 # from place to place. This one slows down, as growth does that depends on a nutrient:
 
 
+# %%
 def slowing(rate: float, pace: float = 3.0):
     """Growth that begins as 1 + rate t_n and ends at 1 + rate/pace."""
 
@@ -56,6 +58,7 @@ def slowing(rate: float, pace: float = 3.0):
     return law
 
 
+# %% [markdown]
 # ## A check that fits on half a page
 #
 # A disk of three layers. For small growth it is a laminate: with the strain eps - xi kappa at the
@@ -66,6 +69,7 @@ def slowing(rate: float, pace: float = 3.0):
 #     sum_i mu_i int_i (eps - xi kappa - g_i) dxi = 0,
 #     sum_i mu_i int_i xi (eps - xi kappa - g_i) dxi = 0.
 
+# %%
 layers = [
     Layer("below", thickness=0.02, shear_modulus=1.0, poisson_ratio=0.45, points=2),
     Layer("middle", thickness=0.01, shear_modulus=8.0, poisson_ratio=0.45, points=2),
@@ -74,6 +78,7 @@ layers = [
 rates = {"below": 4e-5, "middle": 0.0, "above": -2e-5}
 
 
+# %%
 def laminate_curvature(layers, growth) -> float:
     """Return kappa of the two equations above."""
     faces = np.cumsum([0.0, *(layer.thickness for layer in layers)])
@@ -85,8 +90,10 @@ def laminate_curvature(layers, growth) -> float:
     return float(np.linalg.solve(matrix, [s_0 @ g, s_1 @ g])[1])
 
 
+# %% [markdown]
 # The same disk as a shell. Its rim rises over its centre by kappa/2, towards n.
 
+# %%
 mesh = disk_mesh(1.0, 0.5 if coarse else 0.25, comm=comm)
 shell = Shell(mesh, {"disk": Section(layers)}, {name: slowing(r) for name, r in rates.items()})
 *_, last = grow(shell, rigid_modes(shell), t_end=0.5, times=[0.25], tolerance=1e-12)
@@ -100,12 +107,14 @@ if snapshot is not None:
     kappa = float(2 * rise)
     print(f"curvature {kappa:.6e}, laminate {expected:.6e}: {100 * (kappa / expected - 1):+.3f} %")
 
+# %% [markdown]
 # ## The chick cup with a crust
 #
 # `tissue_of` returns what a case is made of. Replace what is to be different, and `run` does with
 # it what `opticcup run` does with the case. The crust, a third layer outside the ECM, grows
 # slowly and is soft. The axisymmetric model takes a second or two.
 
+# %%
 case = parse_case(
     {
         "run": {"model": "meridian", "t_end": 0.1 if coarse else 1.0, "max_wavenumber": 2},
@@ -124,5 +133,6 @@ if comm.rank == 0:
     print(outcome.message)
     print(read_path(folder)[["t_n", "D_over_r", "lambda_iov"]].iloc[-1].to_string())
 
+# %% [markdown]
 # The run folder's `case.toml` says that layers and growth were given from Python: it alone does
 # not reproduce the run, this file does. `kappa_cap_R` in its records stays that of the case.

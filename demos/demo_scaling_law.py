@@ -1,3 +1,4 @@
+# %% [markdown]
 # # From single cups to a scaling law
 #
 # When does a cup invaginate? The paper's answer is (3): the natural curvature at which it does
@@ -10,7 +11,7 @@
 #
 # Run it with `docker/run python3 demos/demo_scaling_law.py [--coarse]`, alone or under `mpirun`.
 
-# +
+# %%
 import sys
 from pathlib import Path
 
@@ -23,8 +24,8 @@ from opticcup_fem.theory import PAPER_COEFFICIENTS, spring_ratio
 
 coarse = "--coarse" in sys.argv
 comm = MPI.COMM_WORLD
-# -
 
+# %% [markdown]
 # ## The law
 #
 # The cap is a shallow shell whose rim the OOV holds like a spring of the relative stiffness
@@ -39,6 +40,7 @@ comm = MPI.COMM_WORLD
 # model. It is the job of one process, also under `mpirun`; for many cups there is `opticcup
 # sweep`.
 
+# %%
 ratios = (8.0, 13.0, 20.0) if coarse else (8.0, 9.0, 10.0, 11.0, 12.0, 14.0, 16.0, 18.0, 20.0)
 theta_bar, kappa = [], []
 for ratio in ratios:
@@ -58,11 +60,13 @@ for ratio in ratios:
         kappa.append(first["kappa_cap_R"])
         print(f"R/h = {ratio:4g}: t_1 = {first['t_n']:.5f}, kappa_1 R = {kappa[-1]:.4f}")
 
+# %% [markdown]
 # ## The fit
 #
 # A straight line through the folds. An independent solver has a_1 = 1.619 and b_1 = -1.171 over
 # R/h = 8 to 20, and the paper 1.55 and -0.95.
 
+# %%
 if comm.rank == 0:
     gamma = float(spring_ratio(case.material.thickness_ratio, case.material.modulus_ratio, 0.45))
     slope, b_1 = np.polyfit(theta_bar, kappa, 1)

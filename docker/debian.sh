@@ -94,12 +94,13 @@ make_rootfs() {
 }
 
 make_venv() {
-    say "installing the pinned Python packages of docker/requirements.txt."
+    say "installing the pinned Python packages of docker/requirements*.txt."
     mkdir "$partial/venv"
     if ! logged enter --bind "$partial/venv" python3 -m venv --system-site-packages "$venv_inside" ||
         ! logged enter --bind "$partial/venv" \
-            python3 -m pip install -r "$project/docker/requirements.txt"; then
-        fail_setup "pip could not install docker/requirements.txt"
+            python3 -m pip install -r "$project/docker/requirements.txt" \
+            -r "$project/docker/requirements-docs.txt"; then
+        fail_setup "pip could not install what docker/requirements*.txt list"
     fi
     write_command "$partial/venv" "$venv_inside"
     logged enter --ro-bind "$partial/venv" \
@@ -224,7 +225,7 @@ run_in_debian() {
     mkdir -p "$cache/${flavour}home"
     name=$(debian_packages | cat - <(echo "$recipe $suite") | fingerprint)
     rootfs=$cache/${flavour}rootfs-$name
-    venv=$cache/${flavour}venv-$(cat - "$project/docker/requirements.txt" <<<"$name" | fingerprint)
+    venv=$cache/${flavour}venv-$(cat - "$project"/docker/requirements*.txt <<<"$name" | fingerprint)
     hold "${rootfs##*/}"
     hold "${venv##*/}"
     if [ ! -d "$rootfs" ] || [ ! -d "$venv" ]; then

@@ -71,8 +71,8 @@ def test_a_demo_prints_the_same_on_two_processes(name, tmp_path):
 def test_demos_are_percent_scripts_with_title_and_learning_points():
     for path in DEMOS.glob("demo_*.py"):
         text = path.read_text(encoding="utf-8")
-        assert text.startswith("# # "), path.name
-        head = text.split("# +\n")[0]
+        assert text.startswith("# %% [markdown]\n# # "), path.name
+        head = text.split("# %%\n")[0]
         assert "You will learn how" in head.replace("\n# ", " "), path.name
         assert 3 <= len(re.findall(r"^# - ", head, re.MULTILINE)) <= 5, path.name
         assert f"docker/run python3 demos/{path.name} [--coarse]" in head, path.name
