@@ -81,6 +81,7 @@ def mesh_of(case: Case, comm: MPI.Comm) -> SurfaceMesh:
         mesh.cell_size_oov,
         seed=mesh.seed,
         comm=comm,
+        symmetry=mesh.symmetry,
     )
 
 
@@ -122,4 +123,6 @@ def stepping_of(case: Case, shell: Shell) -> Stepping:
         wavenumber = case.run.switch_wavenumber
         return LoadStepping(problem, newton, relaxation, control, critical, wavenumber)
     stem = AxisymmetricStepping(problem, newton, relaxation, control, critical)
-    return stem if case.run.follow == "axisymmetric" else BranchStepping(stem, BranchPath(problem))
+    if case.run.follow == "axisymmetric":
+        return stem
+    return BranchStepping(stem, BranchPath(problem, critical))
