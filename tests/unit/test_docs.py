@@ -72,7 +72,7 @@ def test_relative_links_lead_somewhere(document):
 def test_make_targets_of_the_readme_are_in_the_makefile():
     used = {line.split()[1] for line in code_lines(README) if line.startswith("make ")}
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
-    assert used == {"demo", "test"}
+    assert {"demo", "test"} <= used
     assert used <= set(re.findall(r"^(\w[\w-]*):", makefile, re.MULTILINE))
 
 
