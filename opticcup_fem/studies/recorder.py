@@ -75,6 +75,7 @@ class Recorder:
         out_dir: Path,
         progress: Progress,
         resumed: Mapping[str, Any] | None = None,
+        remarks: Mapping[str, str] | None = None,
     ) -> None:
         """Open the folder.
 
@@ -83,6 +84,7 @@ class Recorder:
             out_dir: The run folder.
             progress: Where events are announced.
             resumed: What ``present`` gave when the run in the folder could last be resumed.
+            remarks: What case.toml shall begin with, beside the versions.
 
         Raises:
             CaseError: The folder cannot be written, or is in use.
@@ -103,7 +105,7 @@ class Recorder:
             self.recorded = [dict(one) for one in resumed["recorded"]]
             self._announced = set(resumed["announced"])
             self._last_sectioned = bool(resumed["last_sectioned"])
-        text = case_to_toml(case, versions())
+        text = case_to_toml(case, {**versions(), **(remarks or {})})
         self.folder = RunFolder(out_dir, text, overwrite=True, resumed=written)
         self._has_modes = written is not None and written.critical > 0
         if resumed is not None:
