@@ -12,7 +12,8 @@ import numpy as np
 
 from opticcup_fem.case import Case, case_to_toml
 from opticcup_fem.case.checks import require_perfect
-from opticcup_fem.errors import ClosureBreakdown, OpticCupError
+from opticcup_fem.checkpoint import Checkpoint
+from opticcup_fem.errors import ClosureBreakdown, InterruptedRun, OpticCupError
 from opticcup_fem.events import Event, event
 from opticcup_fem.meridian.contact import self_crossing
 from opticcup_fem.meridian.crossings import Crossing, crossings
@@ -29,8 +30,9 @@ from opticcup_fem.meridian.waves import Waves
 from opticcup_fem.records import AZIMUTHS, RunFolder
 from opticcup_fem.sampling import azimuths
 from opticcup_fem.studies.model import growth_of, sections_of
-from opticcup_fem.studies.outcome import RunSummary, on_root
+from opticcup_fem.studies.outcome import RunSummary, on_root, written
 from opticcup_fem.studies.progress import Progress, sentence
+from opticcup_fem.studies.restart import StopSignals, read_for
 from opticcup_fem.theory.prediction import cap_curvature_of_case
 from opticcup_fem.versions import versions
 
@@ -71,40 +73,59 @@ def path_of(case: Case) -> MeridianPath:
 
 
 def run(
-    case: Case, out_dir: Path, *, quiet: bool = False, comm: MPI.Comm | None = None
+    case: Case,
+    out_dir: Path,
+    *,
+    quiet: bool = False,
+    comm: MPI.Comm | None = None,
+    resume: bool = False,
 ) -> RunSummary:
     """Follow the path of a case from t_n = 0 to run.t_end on rank 0 (collective).
+
+    An interrupted run, which takes seconds, starts again when it is resumed.
 
     Args:
         case: The case.
         out_dir: The run folder; an earlier run's records in it are replaced.
         quiet: No progress bar.
         comm: MPI communicator, all ranks by default.
+        resume: The folder holds an interrupted run of this case.
 
     Raises:
-        CaseError: The shell has an imperfection, or the folder cannot be written.
+        CaseError: The shell has an imperfection, the folder cannot be written or is in use, or
+            there is nothing to resume.
+        InterruptedRun: SIGINT or SIGTERM arrived.
+        RecordError: The records could not be written; what was written before is kept.
     """
     require_perfect(case, 'run.model = "meridian" is')
     comm = comm or MPI.COMM_WORLD
-    summary: RunSummary | None = on_root(comm, lambda: _run(case, out_dir, quiet))
+    if resume:
+        read_for(case, out_dir, comm)
+    with StopSignals(MPI.COMM_SELF) as stop:
+        summary: RunSummary | None = on_root(comm, lambda: _run(case, out_dir, quiet, stop))
     shared: RunSummary = comm.bcast(summary)
     return shared
 
 
-def _run(case: Case, out_dir: Path, quiet: bool) -> RunSummary:
+def _run(case: Case, out_dir: Path, quiet: bool, stop: StopSignals) -> RunSummary:
     progress = Progress(case.run.t_end, shown=not quiet)
     recorder = MeridianRecorder(case, out_dir)
-    with progress.running():
-        with progress.phase("compiling kernels"):
-            path = path_of(case)
-        path.count_iterations(progress.iteration)
-        recorder.begin(path)
-        for point in path.follow(case.run.t_end, case.output.times):
-            recorder.accept(point)
-            progress.step(point.t_n)
-        failure = path.failure()
-        with progress.phase("localising events"):
-            events = recorder.finish(failure)
+    try:
+        with written(out_dir), progress.running():
+            with progress.phase("compiling kernels"):
+                path = path_of(case)
+            path.count_iterations(progress.iteration)
+            recorder.begin(path)
+            for point in path.follow(case.run.t_end, case.output.times):
+                recorder.accept(point)
+                progress.step(point.t_n)
+                if received := stop.received():
+                    raise InterruptedRun(received, point.t_n, str(out_dir))
+            failure = path.failure()
+            with progress.phase("localising events"):
+                events = recorder.finish(failure)
+    finally:
+        recorder.folder.close()
     lines = [sentence(one) for one in events if one.get("followed", True)]
     if failure is not None:
         lines.append(str(failure))
@@ -131,7 +152,8 @@ class MeridianRecorder:
             CaseError: The folder cannot be written.
         """
         self.case = case
-        self.folder = RunFolder(out_dir, case_to_toml(case, versions()), overwrite=True)
+        text, beginning = case_to_toml(case, versions()), Checkpoint(case.model_dump_json())
+        self.folder = RunFolder(out_dir, text, overwrite=True, beginning=beginning)
         self.rows: list[dict[str, Any]] = []
         self.points: list[MeridianPoint] = []
         self._recorded: list[Event] = []
@@ -222,13 +244,13 @@ class MeridianRecorder:
         self.folder.write_events(events)
         if found:
             self._write_modes(found)
-        self.folder.close()
         if self.case.output.picture and len(self.rows) > 1:
             from opticcup_fem.plots.bifurcation import bifurcation
             from opticcup_fem.plots.summary import summary
 
             summary(self.folder.path)
             bifurcation(self.folder.path)
+        self.folder.finish()
         return events
 
     def _kappa(self, t_n: float) -> float:

@@ -13,7 +13,7 @@ import h5py
 import numpy as np
 import pytest
 
-from opticcup_fem.checkpoint import CHECKPOINT, read_checkpoint
+from opticcup_fem.checkpoint import CHECKPOINT, Checkpoint, read_checkpoint, write_checkpoint
 from opticcup_fem.errors import CaseError, InterruptedRun, RecordError
 from opticcup_fem.records import read_events, read_path, read_sections
 from opticcup_fem.states import States
@@ -85,12 +85,9 @@ def test_records_behind_the_checkpoint_are_cut_off(interrupted: Path, undisturbe
 
 
 def test_what_cannot_be_resumed_is_refused(interrupted: Path) -> None:
-    """Another case, another path, another layout, no checkpoint at all."""
+    """Another case, another layout, no checkpoint at all."""
     with pytest.raises(CaseError, match="another case"):
         cup.run(coarse_case(t_end=0.07), interrupted, quiet=True, resume=True)
-    with pytest.raises(CaseError, match=r"run\.follow"):
-        other = coarse_case(run={"follow": "axisymmetric"})
-        cup.run(other, interrupted, quiet=True, resume=True)
     with h5py.File(interrupted / CHECKPOINT, "a") as file:
         file.attrs["format"] = 99
     with pytest.raises(CaseError, match="layout 99"):
@@ -98,6 +95,15 @@ def test_what_cannot_be_resumed_is_refused(interrupted: Path) -> None:
     (interrupted / CHECKPOINT).write_bytes(b"not HDF5")
     with pytest.raises(CaseError, match="no checkpoint"):
         cup.run(CASE, interrupted, quiet=True, resume=True)
+
+
+def test_run_stopped_before_its_first_state_begins_again(tmp_path: Path, undisturbed: Path) -> None:
+    """Its folder holds a checkpoint without states, and perhaps nothing else yet."""
+    write_checkpoint(tmp_path, Checkpoint(CASE.model_dump_json()))
+    with pytest.raises(CaseError, match="another case"):
+        cup.run(coarse_case(t_end=0.07), tmp_path, quiet=True, resume=True)
+    assert cup.run(CASE, tmp_path, quiet=True, resume=True).ok
+    require_same_run(tmp_path, undisturbed)
 
 
 def test_another_mesh_is_refused(interrupted: Path) -> None:

@@ -333,7 +333,7 @@ UNCONCERNED = {
     "opticcup_fem.errors",
     "opticcup_fem.fields",
     "opticcup_fem.folder_lock",
-    "opticcup_fem.hdf5_files",
+    "opticcup_fem.whole_files",
     "opticcup_fem.records",
     "opticcup_fem.reordering",  # of what is written
     "opticcup_fem.states",
