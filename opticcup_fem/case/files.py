@@ -33,20 +33,34 @@ def load_case(path: str | Path, overrides: Sequence[str] = ()) -> Case:
         CaseError: If the file cannot be read, is not TOML, or holds a wrong key or value; the
             message is one sentence.
     """
-    path = Path(path)
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise CaseError(f"{path}: there is no such case file") from None
-    except OSError as error:
-        raise CaseError(f"{path}: cannot be read ({error.strerror})") from None
-    except UnicodeDecodeError:
-        raise CaseError(f"{path}: not a text file in UTF-8, so not a case") from None
-    except tomllib.TOMLDecodeError as error:
-        raise CaseError(f"{path}: not valid TOML: {_sentence_part(str(error))}") from None
+    data = read_toml(path, "case file")
     for override in overrides:
         _apply_override(data, override)
     return parse_case(data, source=str(path))
+
+
+def read_toml(path: str | Path, kind: str = "file") -> dict[str, Any]:
+    """Return the tables of a TOML file.
+
+    Args:
+        path: The file.
+        kind: What to call it where it is missing.
+
+    Raises:
+        CaseError: It cannot be read, or is not TOML.
+    """
+    try:
+        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise CaseError(f"{path}: there is no such {kind}") from None
+    except OSError as error:
+        raise CaseError(f"{path}: cannot be read ({error.strerror})") from None
+    except UnicodeDecodeError:
+        raise CaseError(f"{path}: not a text file in UTF-8") from None
+    except RecursionError:
+        raise CaseError(f"{path}: not usable: its arrays are nested too deeply") from None
+    except ValueError as error:  # wrong TOML, or a number of thousands of digits
+        raise CaseError(f"{path}: not valid TOML: {_sentence_part(str(error))}") from None
 
 
 def parse_case(data: Mapping[str, Any], source: str = "case") -> Case:
@@ -145,7 +159,7 @@ def _apply_override(data: dict[str, Any], override: str) -> None:
 def _parse_value(text: str) -> Any:
     try:
         parsed = tomllib.loads(f"value = {text}")
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):
         # TOML wants 0.45 where people write .45 on a command line; other bare words are strings.
         try:
             return float(text)

@@ -171,7 +171,7 @@ def test_interrupted_run_starts_again(tmp_path: Path, monkeypatch: pytest.Monkey
     """Its folder is not lost, can be gone on with, and then holds what a run without a stop has."""
     case = parse_case(
         {
-            "run": {"model": "meridian", "t_end": 0.02, "max_wavenumber": 0},
+            "run": {"model": "meridian", "t_end": 0.01, "max_wavenumber": 2},
             "output": {"picture": False},
         }
     )

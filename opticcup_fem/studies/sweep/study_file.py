@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import itertools
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +12,7 @@ from typing import Any, Literal, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from opticcup_fem.case import Case, parse_case
+from opticcup_fem.case import Case, parse_case, read_toml
 from opticcup_fem.errors import CaseError
 
 MOST_POINTS = 100_000
@@ -134,24 +133,11 @@ def load_study(path: str | Path) -> Study:
         CaseError: It cannot be read, is not TOML, or holds a wrong key or value.
     """
     path = Path(path)
-    data = _toml(path)
+    data = read_toml(path)
     base: dict[str, Any] = {}
     if isinstance(name := data.get("case"), str):
-        base = _toml(path.parent / name)
+        base = read_toml(path.parent / name, "case file")
     return parse_study(data, base, source=str(path))
-
-
-def _toml(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise CaseError(f"{path}: there is no such file") from None
-    except OSError as error:
-        raise CaseError(f"{path}: cannot be read ({error.strerror})") from None
-    except UnicodeDecodeError:
-        raise CaseError(f"{path}: not a text file in UTF-8") from None
-    except tomllib.TOMLDecodeError as error:
-        raise CaseError(f"{path}: not valid TOML: {error}") from None
 
 
 def parse_study(
