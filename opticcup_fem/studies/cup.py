@@ -16,11 +16,12 @@ from opticcup_fem.errors import ClosureBreakdown, InterruptedRun, OpticCupError
 from opticcup_fem.shell.model import Shell
 from opticcup_fem.shell.recovery import capture, gather_nodes
 from opticcup_fem.studies.contact import TouchWatch
+from opticcup_fem.studies.interruption import StopSignals
 from opticcup_fem.studies.model import Stepping, shell_of, stepping_of
 from opticcup_fem.studies.outcome import RunSummary, on_root, written
 from opticcup_fem.studies.progress import Progress, sentence
 from opticcup_fem.studies.recorder import ContactNumbers, Recorder, StateNumbers
-from opticcup_fem.studies.restart import Restart, StopSignals, read_for, require_written
+from opticcup_fem.studies.restart import Restart, read_for, require_written
 
 
 def run(

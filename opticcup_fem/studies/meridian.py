@@ -29,10 +29,10 @@ from opticcup_fem.meridian.shell import MeridianShell
 from opticcup_fem.meridian.waves import Waves
 from opticcup_fem.records import AZIMUTHS, RunFolder
 from opticcup_fem.sampling import azimuths
+from opticcup_fem.studies.interruption import StopSignals, checkpoint_of
 from opticcup_fem.studies.model import growth_of, sections_of
 from opticcup_fem.studies.outcome import RunSummary, on_root, written
 from opticcup_fem.studies.progress import Progress, sentence
-from opticcup_fem.studies.restart import StopSignals, read_for
 from opticcup_fem.theory.prediction import cap_curvature_of_case
 from opticcup_fem.versions import versions
 
@@ -100,7 +100,7 @@ def run(
     require_perfect(case, 'run.model = "meridian" is')
     comm = comm or MPI.COMM_WORLD
     if resume:
-        read_for(case, out_dir, comm)
+        checkpoint_of(case, out_dir, comm)
     with StopSignals(MPI.COMM_SELF) as stop:
         summary: RunSummary | None = on_root(comm, lambda: _run(case, out_dir, quiet, stop))
     shared: RunSummary = comm.bcast(summary)

@@ -1,18 +1,15 @@
-"""How a surface run is stopped without loss, and goes on."""
+"""How a surface run saves what its path depends on, and goes on from there."""
 
 from __future__ import annotations
 
-import signal
-import threading
 from collections.abc import Iterator
 from pathlib import Path
-from types import FrameType, TracebackType
-from typing import Any, Self
+from typing import Any
 
 from mpi4py import MPI
 
 from opticcup_fem.case import Case
-from opticcup_fem.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
+from opticcup_fem.checkpoint import Checkpoint, write_checkpoint
 from opticcup_fem.equilibrium.branch import BranchState, BranchStepping
 from opticcup_fem.equilibrium.path import PathPoint, SteppingState
 from opticcup_fem.errors import CaseError, RecordError
@@ -20,8 +17,8 @@ from opticcup_fem.shell.cellwise import Cellwise
 from opticcup_fem.shell.model import Shell, ShellState
 from opticcup_fem.shell.recovery import capture
 from opticcup_fem.studies.contact import TouchWatch
+from opticcup_fem.studies.interruption import checkpoint_of
 from opticcup_fem.studies.model import Stepping
-from opticcup_fem.studies.outcome import on_root
 from opticcup_fem.studies.recorder import Recorder
 
 Present = SteppingState | BranchState
@@ -42,23 +39,12 @@ def read_for(case: Case, folder: Path, comm: MPI.Comm) -> Checkpoint:
     Raises:
         CaseError: There is none that can be used for this case.
     """
-
-    def read() -> Checkpoint:
-        if not resumable(case):
-            raise CaseError(
-                f'{folder}: a run with contact.mode = "{case.contact.mode}" cannot be resumed: run '
-                "its case again"
-            )
-        saved = read_checkpoint(folder)
-        if saved.case != case.model_dump_json():
-            raise CaseError(
-                f"{folder} holds the run of another case: resume it without a case, or run this "
-                "case in another folder"
-            )
-        return saved
-
-    found: Checkpoint = comm.bcast(on_root(comm, read))
-    return found
+    if not resumable(case):
+        raise CaseError(
+            f'{folder}: a run with contact.mode = "{case.contact.mode}" cannot be resumed: run '
+            "its case again"
+        )
+    return checkpoint_of(case, folder, comm)
 
 
 class Restart:
@@ -189,42 +175,3 @@ def require_written(
             f"{folder}: the state at t_n = {point.t_n:.6g} cannot be written ({reason}); what was "
             f"written before is kept: make room and go on with: opticcup run --resume {folder}"
         ) from failed
-
-
-class StopSignals:
-    """Notes SIGINT and SIGTERM instead of stopping at once; the second one stops at once."""
-
-    def __init__(self, comm: MPI.Comm) -> None:
-        """Take the ranks that stop together."""
-        self._comm, self._mine = comm, 0
-        self._before: dict[int, Any] = {}
-
-    def __enter__(self) -> Self:
-        """Begin to note."""
-        if threading.current_thread() is threading.main_thread():
-            for number in (signal.SIGINT, signal.SIGTERM):
-                self._before[number] = signal.signal(number, self._note)
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Let signals do what they did before."""
-        self._restore()
-
-    def received(self) -> int:
-        """Return the signal that any rank has received, 0 for none (collective)."""
-        number: int = self._comm.allreduce(self._mine, op=MPI.MAX)
-        return number
-
-    def _note(self, number: int, frame: FrameType | None) -> None:
-        self._mine = number
-        self._restore()
-
-    def _restore(self) -> None:
-        for number, handler in self._before.items():
-            signal.signal(number, handler)
-        self._before = {}

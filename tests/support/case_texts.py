@@ -77,7 +77,10 @@ NAMES = st.one_of(
     ),
 )
 
-ASSEMBLED = st.dictionaries(NAMES, VALUES, max_size=8).map(_text)
+SINGLE = st.tuples(st.sampled_from(KEYS), NUMBERS | VALUES).map(lambda one: _text(dict([one])))
+"""One known key, the others at their defaults: what gets past the other checks."""
+
+SEVERAL = st.dictionaries(NAMES, VALUES, max_size=8).map(_text)
 """Known keys, most of them, with whatever values."""
 
 
@@ -97,7 +100,7 @@ def _damaged(draw: st.DrawFn, right: str) -> str:
 
 def files(right: str) -> st.SearchStrategy[bytes]:
     """Return file contents: damaged forms of a right text, assembled ones, and any bytes."""
-    texts = _damaged(right) | ASSEMBLED
+    texts = SINGLE | _damaged(right) | SEVERAL
     return texts.map(lambda text: text.encode("utf-8")) | st.binary(max_size=60)
 
 
@@ -115,13 +118,21 @@ AXES = st.dictionaries(
     max_size=5,
 ).map(_axis)
 
-TOPS = st.dictionaries(
+RANGES = st.tuples(
+    st.sampled_from(KEYS), NUMBERS, NUMBERS, st.sampled_from(["step", "count"]), NUMBERS
+).map(
+    lambda one: _axis(
+        {"key": f'"{one[0][0]}.{one[0][1]}"', "from": one[1], "to": one[2], one[3]: one[4]}
+    )
+)
+
+TOPS = st.sampled_from(["", 'case = "bad.toml"']) | st.dictionaries(
     st.sampled_from(["case", "combine", "base", "base.run", "base.shape.kind", "axis"]),
     SCALARS,
     max_size=2,
 ).map(lambda keys: "\n".join(f"{key} = {value}" for key, value in keys.items()))
 
-ASSEMBLED_STUDIES = st.tuples(TOPS, st.lists(AXES, max_size=3)).map(
+ASSEMBLED_STUDIES = st.tuples(TOPS, st.lists(AXES | RANGES, max_size=3)).map(
     lambda parts: "\n".join([parts[0], *parts[1]]) + "\n"
 )
 

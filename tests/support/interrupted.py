@@ -8,19 +8,19 @@ import pytest
 
 from opticcup_fem.records import read_events, read_path, read_sections
 from opticcup_fem.states import States
-from opticcup_fem.studies import restart
+from opticcup_fem.studies import interruption
 
 
 def stop_after(steps: int, patch: pytest.MonkeyPatch) -> None:
     """Have the next run receive SIGINT on every rank in its ``steps``-th state."""
     seen = 0
 
-    def received(self: restart.StopSignals) -> int:
+    def received(self: interruption.StopSignals) -> int:
         nonlocal seen
         seen += 1
         return signal.SIGINT if seen == steps else 0
 
-    patch.setattr(restart.StopSignals, "received", received)
+    patch.setattr(interruption.StopSignals, "received", received)
 
 
 def require_same_run(folder: Path, other: Path, tolerance: float = 1e-10) -> None:

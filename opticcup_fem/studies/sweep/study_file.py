@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import itertools
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +23,7 @@ MOST_POINTS = 100_000
 class Axis(BaseModel):
     """One axis: the values of one key, or of several keys that vary together."""
 
-    model_config = ConfigDict(extra="forbid", populate_by_name=True)
+    model_config = ConfigDict(extra="forbid", populate_by_name=True, allow_inf_nan=False)
     key: str | None = None
     keys: list[str] | None = None
     values: list[Any] | None = None
@@ -63,6 +64,10 @@ class Axis(BaseModel):
             raise ValueError("a range needs either `step` or `count`")
         if self.stop <= self.start:
             raise ValueError("`to` must lie above `from`")
+        if not math.isfinite(self.stop - self.start):
+            raise ValueError("`from` and `to` are too far apart")
+        if self.step is not None and (self.stop - self.start) / self.step > MOST_POINTS:
+            raise ValueError(f"`step` is too small: it would give more than {MOST_POINTS} values")
         if self.scale == "log" and (self.start <= 0 or self.count is None):
             raise ValueError("a logarithmic range needs `from` above 0, and `count`")
 
@@ -161,7 +166,10 @@ def parse_study(
         where = ".".join(str(part) for part in first["loc"])
         what = first["msg"].removeprefix("Value error, ")
         raise CaseError(f"{source}: {where or 'the file'}: {what}") from None
-    tables = _merged(base or {}, file.base)
+    base = base or {}
+    if not all(isinstance(keys, Mapping) for keys in base.values()):
+        parse_case(base, source=f"{source}: base case")
+    tables = _merged(base, file.base)
     # studies are made of many axisymmetric paths; the surface is for who asks for it
     tables.setdefault("run", {}).setdefault("model", "meridian")
     keys = tuple(name for axis in file.axis for name in axis.names)
