@@ -50,4 +50,4 @@ def new_hdf5(path: Path) -> Iterator[h5py.File]:
     with h5py.File(memory, "w") as file:
         yield file
     with replacing(path) as unfinished:
-        unfinished.write_bytes(memory.getbuffer())
+        unfinished.write_bytes(memory.getvalue())
