@@ -9,6 +9,8 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from opticcup_fem.whole_files import replacing
+
 INK = "#222222"
 REFERENCE = "#8c8c8c"
 
@@ -95,7 +97,8 @@ def layer_colour(layer: str, known: tuple[str, ...] = ()) -> str:
 
 def save(figure: Figure, path: Path) -> Path:
     """Write a figure and return its path; the figure belongs to no window system."""
-    figure.savefig(path)
+    with replacing(path) as unfinished:
+        figure.savefig(unfinished, format=path.suffix[1:])
     return path
 
 
