@@ -15,7 +15,7 @@ from opticcup_fem.equilibrium.continuation import (
     Ending,
     PathState,
 )
-from opticcup_fem.equilibrium.critical import CriticalPoint
+from opticcup_fem.equilibrium.critical import CriticalPoint, CriticalPoints, Known
 from opticcup_fem.equilibrium.path import PathPoint, SteppingState
 from opticcup_fem.equilibrium.problem import Problem
 from opticcup_fem.errors import ClosureBreakdown, ConvergenceError, OpticCupError
@@ -71,6 +71,7 @@ class BranchStepping:
             branch: The branch that leaves them.
         """
         self.problem, self._stem, self._branch = stem.problem, stem, branch
+        self._reached: SteppingState | None = None
 
     def count_iterations(self, count: Callable[[], None]) -> None:
         """Have ``count`` called at every Newton iteration and relaxation step."""
@@ -81,9 +82,9 @@ class BranchStepping:
     def present(self) -> SteppingState | BranchState | None:
         """What the path beyond the last point that was yielded depends on.
 
-        Of a limit point of the branch it is that of the point before.
+        Of a limit point or a bifurcation it is that of the point before.
         """
-        return self._branch.present or self._stem.present
+        return self._branch.present or self._reached
 
     def follow(
         self,
@@ -108,6 +109,7 @@ class BranchStepping:
             if lost:
                 yield from self._branch.follow(lost[0], (0.0, t_end))
                 return
+            self._reached = self._stem.present
             yield point
 
     def between(self, low: PathPoint, high: PathPoint, t_n: float) -> PathPoint | None:
@@ -135,14 +137,17 @@ class BranchPath:
         present: What the branch beyond its last state, limit points excepted, depends on.
     """
 
-    def __init__(self, problem: Problem, control: ArcControl = CONTROL) -> None:
+    def __init__(
+        self, problem: Problem, points: CriticalPoints | None = None, control: ArcControl = CONTROL
+    ) -> None:
         """Keep the parts.
 
         Args:
             problem: The shell's global problem.
+            points: Finds the modes of limit points; None leaves these unexplained.
             control: Steps.
         """
-        self.problem, self.control = problem, control
+        self.problem, self.points, self.control = problem, points, control
         self.monitor: Callable[[], None] | None = None
         self.present: BranchState | None = None
         self._ending: Ending | None = None
@@ -157,7 +162,7 @@ class BranchPath:
         """Yield the states of the branch, stable or not, limit points included (collective).
 
         Args:
-            critical: The bifurcation; the first state carries it.
+            critical: The bifurcation; the state beside it is the first.
             bounds: The branch is followed while t_n lies between them.
             longest: Longest arc.
         """
@@ -177,10 +182,11 @@ class BranchPath:
         if last is None:
             self._ending = Ending(critical.at, min(map(abs, PUSHES)), None)
             return
-        point = replace(self._point(equations, last), critical=(critical,))
+        yield self._bifurcation(equations, critical)
+        point = self._point(equations, last)
         self._note(equations, point, last, None, 0)
         yield point
-        yield from self._onward(equations, last, None, 0, bounds, longest)
+        yield from self._onward(equations, point, last, None, 0, bounds, longest)
 
     def resume(
         self, saved: BranchState, bounds: tuple[float, float], longest: float = LONGEST
@@ -195,18 +201,22 @@ class BranchPath:
         if saved.before is not None and saved.numbers_before is not None:
             dt, arc = saved.numbers_before
             before = PathState(t_n, x, equations.pack(saved.before), dt, arc)
-        yield from self._onward(equations, last, before, saved.count, bounds, longest)
+        yield from self._onward(equations, saved.point, last, before, saved.count, bounds, longest)
 
     def _onward(
         self,
         equations: ShellEquations,
+        point: PathPoint,
         last: PathState,
         before: PathState | None,
         count: int,
         bounds: tuple[float, float],
         longest: float,
     ) -> Iterator[PathPoint]:
-        """Yield the states after ``last``; ``count`` steps were made in this chart (collective)."""
+        """Yield the states after ``point``, whose solution is ``last`` (collective).
+
+        ``count`` steps were made in its chart.
+        """
         while last.arc < longest:
             if count >= CHART:
                 chart = self.problem.shell.with_updated_directors(equations.unpack(last.x))
@@ -219,11 +229,13 @@ class BranchPath:
             for found in steps:
                 if not bounds[0] < found.t < bounds[1]:
                     return
-                point = self._point(equations, found)
+                reached, point = point, self._point(equations, found)
                 count += 1
                 if not found.is_fold:
                     before, last = last, found
                     self._note(equations, point, last, before, count)
+                else:
+                    point = self._explained(reached, point)
                 yield point
                 if count >= CHART and not found.is_fold:
                     break
@@ -256,6 +268,20 @@ class BranchPath:
         """Whether no state has been found on it."""
         return self._accepted == 0
 
+    def _bifurcation(self, equations: ShellEquations, critical: CriticalPoint) -> PathPoint:
+        """Return the state beside a bifurcation as the first point of its branch (collective)."""
+        residual = equations.linearise(equations.pack(critical.state), critical.at).residual
+        return PathPoint(
+            critical.at,
+            critical.state,
+            False,
+            sum(value < 0 for value in critical.eigenvalues),
+            0,
+            residual,
+            self.problem.shell.energy(critical.state),
+            (critical,),
+        )
+
     def _point(self, equations: ShellEquations, solution: PathState) -> PathPoint:
         """Return a solution as a point of a path; the tangent is that of its last iterate."""
         shell, state = self.problem.shell, equations.unpack(solution.x)
@@ -271,6 +297,14 @@ class BranchPath:
             solution.residual,
             shell.energy(state),
         )
+
+    def _explained(self, before: PathPoint, fold: PathPoint) -> PathPoint:
+        """Return a limit point with its mode, as far as stability is known (collective)."""
+        if self.points is None or before.negative_eigenvalues is None:
+            return fold
+        known = Known(before.t_n, before.state, before.negative_eigenvalues)
+        critical = self.points.at_limit_point(known, fold.t_n, fold.state)
+        return replace(fold, critical=(critical,))
 
     def failure(self) -> OpticCupError | None:
         """Return why the branch could not be followed any farther, None if it was."""

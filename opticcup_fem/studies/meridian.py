@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -29,8 +30,9 @@ from opticcup_fem.meridian.shell import MeridianShell
 from opticcup_fem.meridian.waves import Waves
 from opticcup_fem.records import AZIMUTHS, RunFolder
 from opticcup_fem.sampling import azimuths
+from opticcup_fem.shell.tissue import Tissue
 from opticcup_fem.studies.interruption import StopSignals, checkpoint_of
-from opticcup_fem.studies.model import growth_of, sections_of
+from opticcup_fem.studies.model import remarks_on, tissue_of
 from opticcup_fem.studies.outcome import RunSummary, on_root, written
 from opticcup_fem.studies.progress import Progress, sentence
 from opticcup_fem.theory.prediction import cap_curvature_of_case
@@ -57,18 +59,16 @@ def profile_of(case: Case) -> Profile:
     return kind(shape.opening_angle)
 
 
-def shell_of(case: Case) -> MeridianShell:
-    """Return the axisymmetric shell of a case."""
-    mesh, sections = MeridianMesh(profile_of(case), grading_of(case)), sections_of(case)
-    laws = growth_of(case)
-    return MeridianShell(
-        mesh, {name: sections[name] for name in mesh.region}, laws, case.material.closure
-    )
+def shell_of(case: Case, tissue: Tissue | None = None) -> MeridianShell:
+    """Return the axisymmetric shell of a case, of another tissue if one is given."""
+    mesh, tissue = MeridianMesh(profile_of(case), grading_of(case)), tissue or tissue_of(case)
+    sections = {name: tissue.sections[name] for name in mesh.region}
+    return MeridianShell(mesh, sections, tissue.laws, case.material.closure)
 
 
-def path_of(case: Case) -> MeridianPath:
+def path_of(case: Case, tissue: Tissue | None = None) -> MeridianPath:
     """Return the path of a case, with the stability in m = 0 .. run.max_wavenumber."""
-    shell = shell_of(case)
+    shell = shell_of(case, tissue)
     return MeridianPath(shell, Waves(shell, tuple(range(case.run.max_wavenumber + 1))))
 
 
@@ -78,6 +78,7 @@ def run(
     *,
     quiet: bool = False,
     comm: MPI.Comm | None = None,
+    tissue: Tissue | None = None,
     resume: bool = False,
 ) -> RunSummary:
     """Follow the path of a case from t_n = 0 to run.t_end on rank 0 (collective).
@@ -89,6 +90,7 @@ def run(
         out_dir: The run folder; an earlier run's records in it are replaced.
         quiet: No progress bar.
         comm: MPI communicator, all ranks by default.
+        tissue: Layers and growth in place of the case's; laws are functions of place and time.
         resume: The folder holds an interrupted run of this case.
 
     Raises:
@@ -102,18 +104,20 @@ def run(
     if resume:
         checkpoint_of(case, out_dir, comm)
     with StopSignals(MPI.COMM_SELF) as stop:
-        summary: RunSummary | None = on_root(comm, lambda: _run(case, out_dir, quiet, stop))
+        summary: RunSummary | None = on_root(comm, lambda: _run(case, out_dir, quiet, stop, tissue))
     shared: RunSummary = comm.bcast(summary)
     return shared
 
 
-def _run(case: Case, out_dir: Path, quiet: bool, stop: StopSignals) -> RunSummary:
+def _run(
+    case: Case, out_dir: Path, quiet: bool, stop: StopSignals, tissue: Tissue | None
+) -> RunSummary:
     progress = Progress(case.run.t_end, shown=not quiet)
-    recorder = MeridianRecorder(case, out_dir)
+    recorder = MeridianRecorder(case, out_dir, remarks_on(tissue))
     try:
         with written(out_dir), progress.running():
             with progress.phase("compiling kernels"):
-                path = path_of(case)
+                path = path_of(case, tissue)
             path.count_iterations(progress.iteration)
             recorder.begin(path)
             for point in path.follow(case.run.t_end, case.output.times):
@@ -145,14 +149,15 @@ class MeridianRecorder:
         touched: Whether the followed part has come to cross itself.
     """
 
-    def __init__(self, case: Case, out_dir: Path) -> None:
-        """Open the folder.
+    def __init__(self, case: Case, out_dir: Path, remarks: Mapping[str, str]) -> None:
+        """Open the folder, whose case.toml shall begin with the ``remarks`` too.
 
         Raises:
             CaseError: The folder cannot be written.
         """
         self.case = case
-        text, beginning = case_to_toml(case, versions()), Checkpoint(case.model_dump_json())
+        text = case_to_toml(case, {**versions(), **remarks})
+        beginning = Checkpoint(case.model_dump_json())
         self.folder = RunFolder(out_dir, text, overwrite=True, beginning=beginning)
         self.rows: list[dict[str, Any]] = []
         self.points: list[MeridianPoint] = []
