@@ -28,7 +28,10 @@ DOCUMENTS = sorted(
     for path in ROOT.glob(pattern)
     if not {"_build", "_generated"} & set(path.parts)
 )
-GUIDES = [*(ROOT / "docs" / f"{n}.md" for n in ("tutorial", "python")), *sorted((ROOT / "docs" / "howto").glob("*.md"))]
+GUIDES = [
+    *(ROOT / "docs" / f"{n}.md" for n in ("tutorial", "python")),
+    *sorted((ROOT / "docs" / "howto").glob("*.md")),
+]
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 SUBCOMMANDS = tuple(str(command.callback.__name__) for command in app.registered_commands)
 LAUNCHER = ("OMPI_COMM_WORLD", "PMIX_", "PMI_")
@@ -114,6 +117,8 @@ def test_decisions_have_unique_numbers_that_their_titles_repeat():
 def test_the_version_is_written_in_one_place_and_its_copies_agree():
     project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     assert 'version = { attr = "opticcup_fem.__version__" }' in project
+    image = (ROOT / "docker" / "Dockerfile").read_text(encoding="utf-8")
+    assert f'image.version="{opticcup_fem.__version__}"' in image
     changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     releases = re.findall(r"^## (\S+)", changes, re.MULTILINE)
     assert releases[0] == "Unreleased"
