@@ -171,9 +171,26 @@ def _surface() -> list[Planned]:
     ]
 
 
+SLITS: dict[str, Any] = {
+    "ratios": [15.0, 14.0, 13.5, 13.25, 13.0, 12.75, 12.5, 12.25],
+    "times": [0.31, 0.34, 0.37],
+    "before": 0.27,
+    "case": {
+        "mesh": {"cell_size_cap": 0.34, "cell_size_interface": 0.12, "cell_size_oov": 0.3},
+    },
+}
+"""Parameters of ``studies.coexistence``: R/h from the slenderest, on a mesh of 546 cells."""
+
+
+def _coexistence() -> list[Planned]:
+    settings = {"ratios": SLITS["ratios"], "mesh": "546 cells"}
+    return [Planned(settings, Task.of("coexistence", "coexistence", SLITS))]
+
+
 FINE = tuple(round(0.025 * k, 3) for k in range(1, 41))
 
 SETS: dict[str, Callable[[], list[Planned]]] = {
+    "coexistence": _coexistence,
     "surface": _surface,
     "chick": lambda: [planned(mass_change=on, times=FINE) for on in (True, False)],
     "slenderness": _grid,
