@@ -20,6 +20,7 @@ from opticcup_fem.equilibrium.relaxation import Relaxed
 from opticcup_fem.errors import CaseError, ConvergenceError
 from opticcup_fem.mesh import SurfaceMesh
 from opticcup_fem.observables import Observer
+from opticcup_fem.shell.closures import CLOSURES
 from opticcup_fem.shell.model import Shell, ShellState
 from opticcup_fem.shell.recovery import capture
 from opticcup_fem.studies.model import growth_of, mesh_of, sections_of, stepping_of
@@ -155,23 +156,22 @@ def cup_of(case: Case, ratio: float, mesh: SurfaceMesh | None = None) -> Cup:
     Raises:
         CaseError: The closure has no energy, or the case does not follow stable states.
     """
+    if case.run.follow != "stable" or not CLOSURES[case.material.closure].has_energy:
+        raise CaseError(
+            "energies are compared of stable states of a closure that has one: take "
+            'run.follow = "stable" and layer-stretch, condensed or stationary'
+        )
     tables = case.model_dump(mode="json")
     tables["shape"]["radius_over_thickness"] = ratio
     case = parse_case(tables)
     mesh = mesh or mesh_of(case, MPI.COMM_SELF)
     shell = Shell(mesh, sections_of(case), growth_of(case), case.material.closure)
     stepping = stepping_of(case, shell)
-    if not isinstance(stepping, LoadStepping) or not shell.has_energy:
-        raise CaseError(
-            "energies are compared of stable states of a closure that has one: take "
-            'run.follow = "stable" and layer-stretch, condensed or stationary'
-        )
+    assert isinstance(stepping, LoadStepping)
     return Cup(shell, stepping)
 
 
-def pairs(
-    case: Case, ratios: Sequence[float], times: Sequence[float], before: float
-) -> list[Pair]:
+def pairs(case: Case, ratios: Sequence[float], times: Sequence[float], before: float) -> list[Pair]:
     """Return slits and round cups of a case at all of some R/h and times.
 
     Slits lead from one R/h to the next thicker one at the same time; where one opens, all thicker

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from opticcup_fem.diagram.bisection import Bracket
-from opticcup_fem.report.plan import SETS
+from opticcup_fem.report.plan import SETS, SLITS
 from opticcup_fem.report.results import Computed, Results
 from opticcup_fem.studies.sweep.rows import empty_row
 from opticcup_fem.theory import buckling_curvature, primary_curvature, secondary_curvature
@@ -108,7 +108,7 @@ def results():
 def coexistence(settings):
     """Return slits down to R/h = 12 whose energy is the round cups' at R/h = 12.75."""
     pairs = []
-    for t_n in (0.31, 0.34):
+    for t_n in SLITS["times"]:
         for ratio in settings["ratios"]:
             there = ratio >= 12
             excess = 1e-4 * (12.75 - ratio) if there and ratio < 14 else None

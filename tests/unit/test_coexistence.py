@@ -6,6 +6,8 @@ is there from R/h = 12 on and a round cup up to 14.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import pytest
 
 from opticcup_fem.case import parse_case
@@ -15,11 +17,11 @@ from opticcup_fem.studies import coexistence
 from opticcup_fem.studies.coexistence import Form, Pair, cup_of
 
 
+@dataclass
 class Made:
     """A cup whose slit exists from R/h = 12 and whose round state up to 14; states are widths."""
 
-    def __init__(self, ratio):
-        self.ratio = ratio
+    ratio: float
 
     def at_rest(self, state, t_n):
         buckled = self.ratio >= 12 and (state > 0.1 or self.ratio > 14)
@@ -71,6 +73,6 @@ def test_without_a_change_of_sign_no_energies_are_equal():
 
 
 def test_a_closure_without_an_energy_is_refused():
-    case = parse_case({"material": {"closure": "paper"}, "mesh": {"cell_size_oov": 0.6}})
+    case = parse_case({"material": {"closure": "paper"}})
     with pytest.raises(CaseError, match="closure that has one"):
         cup_of(case, 5.0)

@@ -264,7 +264,7 @@ def drive_figure(results: Results) -> Drawn:
     axes.plot(
         spans["ratio"], spans["span_oov"], "s-", color=style.CURVES[2], label="OOV boundary layer"
     )
-    axes.set_ylim(bottom=0)
+    axes.set_ylim(0, 1.08 * spans["span_oov"].max())
     axes.legend(loc="lower right")
     labelled(axes, "$R/h$", "characteristic span at secondary invagination, $R$", "c")
     table = pd.DataFrame(
@@ -324,7 +324,7 @@ def apex_figure(results: Results) -> Drawn:
         assert value is not None
         mark(left, t_n, value, kind, EVENT_COLOURS[kind])
         right.axvline(t_n, color=EVENT_COLOURS[kind], lw=0.9, ls=":")
-    right.set_ylim(-12, 12)
+    right.set_ylim(-12, 3)
     right.axhline(0, color=style.REFERENCE, lw=0.8)
     labelled(right, T_N, r"apex rate $\mathrm{d}(c/R)/\mathrm{d}t_n$", "b")
     kinds = ("primary_invagination", "secondary_invagination")
