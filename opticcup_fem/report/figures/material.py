@@ -164,7 +164,7 @@ def _shallower(
         cups: Cups; those that differ from n = 50, nu = 0.45 in ``key`` alone are looked at.
         key: What changes, "modulus_ratio" or "poisson_ratio".
         rising: Whether it rises.
-        t_n: The time, before the second invagination of any of them.
+        t_n: The time.
     """
     other, usual = {
         "modulus_ratio": ("poisson_ratio", 0.45),
@@ -176,17 +176,18 @@ def _shallower(
         reverse=not rising,
     )
     depths = [row.get(f"D_over_r_at_{t_n:g}") for row in rows]
-    if any(depth is None for depth in depths):
-        answer = None
-    else:
-        answer = "yes" if all(b < a for a, b in pairwise(depths)) else "no"
+    known = [float(depth) for depth in depths if depth is not None]
+    answer = "yes" if all(b < a for a, b in pairwise(known)) else "no"
     symbol = {"modulus_ratio": "n", "poisson_ratio": "nu"}[key]
     shown = [
         f"{symbol} = {row[key]:g}: " + ("none" if depth is None else f"{depth:.3f}")
         for row, depth in zip(rows, depths, strict=True)
     ]
     return Comparison(
-        f"{change}: shallower cup (D/r at t_n = {t_n:g})", "yes", answer, ", ".join(shown)
+        f"{change}: shallower cup (D/r at t_n = {t_n:g})",
+        "yes",
+        answer if len(known) == len(depths) else None,
+        ", ".join(shown),
     )
 
 
