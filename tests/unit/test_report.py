@@ -75,7 +75,8 @@ def test_cups_are_shallower_if_every_one_is(depths, answer):
     pairs = zip((20.0, 50.0, 100.0), depths, strict=False)
     cups = [Computed({"modulus_ratio": n}, depth_at(depth)) for n, depth in pairs]
     cups.append(Computed({"poisson_ratio": 0.4}, depth_at(0.1)))
-    line = _shallower("larger modulus ratio", cups, "modulus_ratio")
+    change = ("larger modulus ratio", cups, "modulus_ratio", True)
+    line = _shallower(*change, "D_over_r_at_0.4", "D/r at t_n = 0.4")
     assert line.paper == "yes" and line.ours == answer
     assert line.note.startswith("n = 20: 0.600, n = 50: ") and "0.100" not in line.note
 

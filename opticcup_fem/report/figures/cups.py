@@ -26,7 +26,7 @@ from opticcup_fem.report.figures.base import (
     mark,
     shades,
 )
-from opticcup_fem.report.figures.shapes import draw_shape, shape_table
+from opticcup_fem.report.figures.shapes import draw_shape, layer_legend, shape_table
 from opticcup_fem.report.results import Computed, Results
 from opticcup_fem.studies.sweep.rows import value_at
 from opticcup_fem.theory import chi, spring_ratio
@@ -193,6 +193,7 @@ def _draw_shapes(figure: Any, results: Results) -> None:
             -0.05, 0.5, f"$R/h$ = {one.row['ratio']:g}", transform=line[0].transAxes,
             rotation=90, ha="right", va="center",
         )  # fmt: skip
+    layer_legend(figure)
     panels[0][0].set_title(f"(b)   $t_n$ = {rows[0].record['states'][0]['t_n']:g}")
 
 

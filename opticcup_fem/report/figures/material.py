@@ -31,6 +31,7 @@ from opticcup_fem.report.figures.shapes import (
     draw_field,
     draw_shape,
     field_table,
+    layer_legend,
     shape_table,
 )
 from opticcup_fem.report.plan import THICK, THIN
@@ -59,11 +60,14 @@ def thickness_figure(results: Results) -> Drawn:
     _along(right, state, "stretch")
     labelled(right, COLATITUDE, r"mean thickness stretch $\lambda_3$", "b")
     right.axvline(40, color=style.REFERENCE, lw=0.8)
+    right.set_xlim(0, 180)
+    right.set_xticks(range(0, 181, 30))
     right.legend()
     text = [
         f"R/h = 5, alpha = 40 degrees, mass change on, t_n = {state['t_n']:g}. Section to scale "
         "and the layers' means along the reference meridian; the line at 40 degrees is the "
-        "interface, where the layers change.",
+        "interface, where the layers change. Contact is looked for on the mid-surface: layers "
+        "drawn with their thickness may overlap.",
     ]
     return Drawn(
         "s1", "Fig. S1: thickness change of the layers", text, figure,
@@ -125,8 +129,15 @@ def moduli_figure(results: Results) -> Drawn:
         *[f"{_plain(c)}: {c.row['reason']}." for c in cups if c.row["reason"]],
     ]
     comparisons = [
-        _shallower("larger modulus ratio", cups, "modulus_ratio"),
-        _shallower("smaller Poisson ratio", cups, "poisson_ratio", rising=False),
+        _shallower(change, cups, key, rising, column, words)
+        for change, key, rising in (
+            ("larger modulus ratio", "modulus_ratio", True),
+            ("smaller Poisson ratio", "poisson_ratio", False),
+        )
+        for column, words in (
+            ("largest_D_over_r", "largest D/r"),
+            ("D_over_r_at_0.4", "D/r at t_n = 0.4"),
+        )
     ]
     frames = []
     for cup in stressed:
@@ -155,16 +166,17 @@ def _plain(cup: Computed) -> str:
 
 
 def _shallower(
-    change: str, cups: Sequence[Computed], key: str, rising: bool = True, t_n: float = 0.4
+    change: str, cups: Sequence[Computed], key: str, rising: bool, column: str, words: str
 ) -> Comparison:
-    """Compare the paper's statement that a change makes the cup shallower, at one time.
+    """Compare the paper's statement that a change makes the cup shallower.
 
     Args:
         change: The change in words.
         cups: Cups; those that differ from n = 50, nu = 0.45 in ``key`` alone are looked at.
         key: What changes, "modulus_ratio" or "poisson_ratio".
         rising: Whether it rises.
-        t_n: The time.
+        column: The depth that is looked at.
+        words: The depth in words.
     """
     other, usual = {
         "modulus_ratio": ("poisson_ratio", 0.45),
@@ -175,7 +187,7 @@ def _shallower(
         key=lambda row: float(row[key]),
         reverse=not rising,
     )
-    depths = [row.get(f"D_over_r_at_{t_n:g}") for row in rows]
+    depths = [row.get(column) for row in rows]
     known = [float(depth) for depth in depths if depth is not None]
     answer = "yes" if all(b < a for a, b in pairwise(known)) else "no"
     symbol = {"modulus_ratio": "n", "poisson_ratio": "nu"}[key]
@@ -184,7 +196,7 @@ def _shallower(
         for row, depth in zip(rows, depths, strict=True)
     ]
     return Comparison(
-        f"{change}: shallower cup (D/r at t_n = {t_n:g})",
+        f"{change}: shallower cup ({words})",
         "yes",
         answer if len(known) == len(depths) else None,
         ", ".join(shown),
@@ -209,6 +221,7 @@ def limits_figure(results: Results) -> Drawn:
         draw_shape(axes, state)
         axes.set_title(f"$t_n$ = {state['t_n']:g}")
     left.suptitle("(a)  $n$ = 10", x=0.02, ha="left", fontsize=9)
+    layer_legend(left)
     axes = right.subplots()
     for cup, colour in zip(cups, shades(len(cups)), strict=True):
         label = f"$n$ = {cup.row['modulus_ratio']:g}"
