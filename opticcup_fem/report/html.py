@@ -64,5 +64,5 @@ def shown(value: Any) -> str:
     if value is None or value != value:
         return ""
     if isinstance(value, bool) or not hasattr(value, "__float__"):
-        return str(value)
+        return str(value).replace("+-", "±")
     return f"{float(value):.4g}"
