@@ -20,7 +20,7 @@ from opticcup_fem.errors import CaseError
 from opticcup_fem.hdf5_files import new_file
 
 CHECKPOINT = "checkpoint.h5"
-FORMAT = 1
+FORMAT = 2
 """Number of this layout of the file; readers refuse others."""
 
 

@@ -83,7 +83,7 @@ def _grow(
             watch = TouchWatch(case, shell, stepping, touched=bool(comm.bcast(touched)))
         ended = False
         with StopSignals(comm) as stop:
-            for point in restart.follow(saved, recorder):
+            for point in restart.follow(saved, recorder, watch):
                 ended = not _record(recorder, stepping, point, watch)
                 if not ended:
                     restart.save(recorder)

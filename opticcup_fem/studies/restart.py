@@ -16,19 +16,17 @@ from opticcup_fem.checkpoint import Checkpoint, read_checkpoint, write_checkpoin
 from opticcup_fem.equilibrium.path import LoadStepping, PathPoint, SteppingState
 from opticcup_fem.errors import CaseError, RecordError
 from opticcup_fem.shell.cellwise import Cellwise
-from opticcup_fem.shell.model import Shell
+from opticcup_fem.shell.model import Shell, ShellState
 from opticcup_fem.shell.recovery import capture
+from opticcup_fem.studies.contact import TouchWatch
 from opticcup_fem.studies.model import Stepping
 from opticcup_fem.studies.outcome import on_root
 from opticcup_fem.studies.recorder import Recorder
 
 
 def resumable(case: Case) -> bool:
-    """Return whether a checkpoint holds all that a run depends on.
-
-    Contact that is resisted has data of its own, and other paths than the stable one a history.
-    """
-    return case.run.follow == "stable" and case.contact.mode != "resist"
+    """Return whether a checkpoint holds all that a run depends on: other paths have a history."""
+    return case.run.follow == "stable"
 
 
 def read_for(case: Case, folder: Path, comm: MPI.Comm) -> Checkpoint:
@@ -41,8 +39,8 @@ def read_for(case: Case, folder: Path, comm: MPI.Comm) -> Checkpoint:
     def read() -> Checkpoint:
         if not resumable(case):
             raise CaseError(
-                f'{folder}: a run with run.follow = "{case.run.follow}" and contact.mode = '
-                f'"{case.contact.mode}" cannot be resumed: run its case again'
+                f'{folder}: a run with run.follow = "{case.run.follow}" cannot be resumed: run its '
+                "case again"
             )
         saved = read_checkpoint(folder)
         if saved.case != case.model_dump_json():
@@ -69,12 +67,15 @@ class Restart:
         self._cellwise = Cellwise(shell)
         self.possible = resumable(case)
 
-    def follow(self, saved: Checkpoint | None, recorder: Recorder | None) -> Iterator[PathPoint]:
+    def follow(
+        self, saved: Checkpoint | None, recorder: Recorder | None, watch: TouchWatch | None
+    ) -> Iterator[PathPoint]:
         """Yield the points of the path, those behind the checkpoint if there is one (collective).
 
         Args:
             saved: The checkpoint, None for a run from its beginning.
             recorder: The records, on rank 0.
+            watch: Looks for the first touch, if one is looked for.
 
         Raises:
             CaseError: The checkpoint belongs to another mesh.
@@ -93,6 +94,8 @@ class Restart:
         if resumed is None:
             return stepping.follow(first, run.t_end, times)
         assert isinstance(stepping, LoadStepping)
+        if watch is not None:
+            watch.begin(resumed.point, snapshot)
         return stepping.follow(first, run.t_end, times, resumed=resumed)
 
     def save(self, recorder: Recorder | None) -> None:
@@ -116,7 +119,10 @@ class Restart:
                 "so its run cannot be resumed: run the case again"
             )
         numbers = saved.numbers
-        states = [self._cellwise.unpack(dict(arrays)) for arrays in saved.states]
+        states = [
+            self._cellwise.unpack(dict(arrays), **contact)
+            for arrays, contact in zip(saved.states, numbers["contact"], strict=True)
+        ]
         point = PathPoint(state=states[-1], **numbers["point"])
         return SteppingState(
             point,
@@ -136,8 +142,15 @@ def _numbers(present: SteppingState) -> dict[str, Any]:
         "accepted": present.accepted,
         "dt": present.dt,
         "times": [t_n for t_n, _ in present.states],
+        "contact": [_contact_numbers(state) for _, state in present.states],
         "blocked": present.blocked,
     }
+
+
+def _contact_numbers(state: ShellState) -> dict[str, Any]:
+    """Return the numbers of a state's contact data, {} where it has none."""
+    data = state.contact
+    return {} if data is None else {"time": data.time, "touches": data.touches}
 
 
 def require_written(
