@@ -65,6 +65,7 @@ class Solution:
         iterations: Newton iterations, each one factorisation.
         residual: Final residual norm.
         lost: The fibre that allowed no step, and its place, where that was the reason.
+        best: The iterate with the smallest residual, None where none was admissible.
     """
 
     state: ShellState
@@ -73,6 +74,7 @@ class Solution:
     iterations: int
     residual: float
     lost: LostPlace | None = None
+    best: ShellState | None = None
 
 
 class MixedNewton:
@@ -172,7 +174,8 @@ class MixedNewton:
         self._state, self._drag = state, drag
         self._cells: CondensedCells | None = None
         self._resultants, self._lost = self.problem.shell.evaluate(state)
-        self._norm = self._smallest = self._factorised_norm = np.inf
+        self._norm = self._smallest = self._factorised_norm = self._best_norm = np.inf
+        self._best: ShellState | None = None
         self._x.array[:] = self.problem.global_values(state)
         self._start = self._x.array.copy()
         self._snes.solve(None, self._x)
@@ -185,6 +188,7 @@ class MixedNewton:
             self._snes.getIterationNumber(),
             self._norm,
             self._lost,
+            self._best,
         )
 
     def inertia(self) -> Inertia | None:
@@ -275,6 +279,8 @@ class MixedNewton:
             self.monitor(iteration, self._norm)
         if self._lost is not None or not np.isfinite(self._norm):
             return Reason.DIVERGED_FUNCTION_DOMAIN
+        if self._norm < self._best_norm:
+            self._best, self._best_norm = self._state, self._norm
         if self._norm < self.tolerance:
             return Reason.CONVERGED_FNORM_ABS
         wandering = self._norm > self.wandering * self._smallest

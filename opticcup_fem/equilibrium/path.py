@@ -238,6 +238,8 @@ class LoadStepping:
         state = shell.with_updated_directors(solution.state)
         negative = self._negative_eigenvalues.at_solution(state)
         if negative and not self._admits(Known(t_n, state, negative), before):
+            if self._may_descend and _touches(near):
+                return self._descended(t_n, guess, near, replace(solution, best=None))
             return Attempt(solution, unstable=state)
         energy = shell.energy(state)
         point = PathPoint(
@@ -251,14 +253,17 @@ class LoadStepping:
     def _descended(
         self, t_n: float, guess: ShellState, before: ShellState, failed: Solution
     ) -> Attempt:
-        """Go on from a guess by descent: Newton's method wanders where parts come to touch.
+        """Go on by descent where Newton's method wanders, or ends in an unstable state, in touch.
 
-        What comes to rest farther than a jump from the guess is not accepted, and not tried again
-        on shorter steps: a stability was lost on the way (collective).
+        It starts where Newton's method came nearest, or at the guess.  What comes to rest farther
+        than a jump from the guess is not accepted, and not tried again on shorter steps: a
+        stability was lost on the way (collective).
         """
         contact = self.problem.contact
         assert contact is not None
-        start, _ = contact.reachable(before, self.problem.with_mean_directors(guess, before))
+        start = failed.best
+        if start is None:
+            start, _ = contact.reachable(before, self.problem.with_mean_directors(guess, before))
         relaxed = self.relaxation.relax(start)
         spent = replace(failed, iterations=failed.iterations + relaxed.factorisations)
         near = self._moved(relaxed.state, guess) <= self.control.jump_move

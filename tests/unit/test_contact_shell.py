@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from opticcup_fem.contact.model import Contact, ContactSettings
-from opticcup_fem.contact.obstacles import Plate
+from opticcup_fem.contact.obstacles import Plate, Sphere
 from opticcup_fem.contact.report import ContactReport, contact_report, nodal_areas
 from opticcup_fem.equilibrium.jumps import make_relaxation
 from opticcup_fem.equilibrium.newton import MixedNewton
@@ -52,6 +52,7 @@ def shell() -> Shell:
 @pytest.fixture(scope="module")
 def squeezed(shell: Shell) -> tuple[LoadStepping, list[PathPoint]]:
     """A sphere squeezed between two plates, and the states on the way."""
+    shell.set_time(0.0)
     problem = Problem(shell, upright(shell), Contact(shell, SETTINGS, plates(0.021)))
     newton = MixedNewton(problem)
     control = StepControl(initial=0.1, largest=0.25, smallest=1e-3)
@@ -63,11 +64,11 @@ def squeezed(shell: Shell) -> tuple[LoadStepping, list[PathPoint]]:
 
 def test_gradient_and_tangent_are_derivatives_of_the_energy(shell: Shell) -> None:
     """Of shell and contact together, in a state that touches: remainders of order 2 and 3."""
-    contact = Contact(shell, SETTINGS, plates(0.012))
+    contact = Contact(shell, SETTINGS, plates(0.021, depth=0.0))
     problem = Problem(shell, free(shell), contact)
-    shell.set_time(0.0)
+    shell.set_time(0.009 / 0.021)  # the plates have come nearer by 0.009
     state = problem.with_contact(disturbed(shell, 1e-4))
-    assert contact.gap(state) < 0.02
+    assert contact.gap(state) == pytest.approx(0.012, abs=1e-3)
     cells = shell.condensed(state)
     gradient = problem.vector.duplicate()
     problem.assemble_gradient(cells, state, gradient)
@@ -155,6 +156,15 @@ def test_overlapping_obstacle_is_refused(shell: Shell) -> None:
     shell.set_time(0.0)
     with pytest.raises(CaseError, match="overlaps the shell at the start: move it"):
         Contact(shell, SETTINGS, plates(-0.02))
+    with pytest.raises(CaseError, match="overlaps the shell at the start: move it"):
+        Contact(shell, SETTINGS, [Sphere((0.0, 0.0, 1.0), 0.2 * H, refinements=0)])
+
+
+def test_obstacle_within_the_barrier_is_refused(shell: Shell) -> None:
+    """Newton's method would start from forces that nothing has led up to."""
+    shell.set_time(0.0)
+    with pytest.raises(CaseError, match=r"nearer to the shell .* than the barrier reaches, 0\.02"):
+        Contact(shell, SETTINGS, plates(0.015))
 
 
 def test_nodal_areas_are_those_of_the_surface(shell: Shell) -> None:
