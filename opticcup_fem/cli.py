@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -30,7 +30,6 @@ from opticcup_fem.errors import CaseError
 
 if TYPE_CHECKING:
     from opticcup_fem.case import Case
-    from opticcup_fem.studies.outcome import RunSummary
 
 app = typer.Typer(
     name="opticcup",
@@ -131,9 +130,10 @@ def run(
                 case = _load(case_path, overrides)
             prepare_folder(folder)
         with abort_all_ranks_on_a_bug():
-            grow = _study(case.run.model)
-            options = {"resume": True} if resume is not None else {}
-            summary = grow(case, folder, quiet=quiet or not sys.stderr.isatty(), **options)
+            from opticcup_fem.studies.run import run as grow
+
+            hushed = quiet or not sys.stderr.isatty()
+            summary = grow(case, folder, quiet=hushed, resume=resume is not None)
         say(summary.message, err=not summary.ok)
         if not summary.ok:
             raise typer.Exit(FAILED_RUN)
@@ -212,17 +212,6 @@ def mesh(
             write_msh(surface_mesh, path)
             report = surface_mesh.report()
         say(f"{path}: {report}")
-
-
-def _study(model: str) -> Callable[..., RunSummary]:
-    """Return what grows a cup on the discretisation ``run.model``."""
-    if model == "meridian":
-        from opticcup_fem.studies import meridian
-
-        return meridian.run
-    from opticcup_fem.studies import cup
-
-    return cup.run
 
 
 def _case_to_resume(

@@ -146,7 +146,8 @@ class Mesh(_Table):
     """Surface mesh, sizes in units of R; the meridian's follows from R/h.
 
     The default of ``cell_size_oov`` follows the width sqrt(R h) of the boundary layers in which
-    the OOV bends, 0.3 sqrt(5 h/R), never above 0.3 (docs/decisions/0009-mesh-sizes.md).
+    the OOV bends, 0.3 sqrt(5 h/R), never above 0.3 (docs/decisions/0009-mesh-sizes.md).  That of
+    ``symmetry`` follows ``run.follow`` (docs/decisions/0039-symmetric-meshes.md).
     """
 
     cell_size_cap: Positive = Field(default=0.33, description="cell size at the apex, in R")
@@ -157,6 +158,13 @@ class Mesh(_Table):
         default=0.09, description="cell size at theta = alpha, in R"
     )
     seed: int = Field(default=1, ge=0, description="seed of the mesh generator")
+    symmetry: int = Field(
+        default=4,
+        ge=0,
+        le=8,
+        description="mirror planes through the axis: with 2 m of them a loss of symmetry in m is "
+        'sharp; default 4, with run.follow = "stable" none',
+    )
 
 
 class Solver(_Table):
@@ -281,7 +289,8 @@ class Case(_Table):
         # The defaults follow the thickness, which another table holds.
         if "shape" not in info.data:
             return mesh
-        given, sizes = mesh.model_fields_set, {}
+        given = mesh.model_fields_set
+        sizes: dict[str, float] = {}
         if "cell_size_oov" not in given:
             sizes["cell_size_oov"] = round(
                 min(0.3, 0.3 * (5 * info.data["shape"].thickness) ** 0.5), 4
@@ -292,6 +301,14 @@ class Case(_Table):
         if "cell_size_interface" not in given:
             sizes["cell_size_interface"] = min(mesh.cell_size_interface, round(0.4 * oov, 4))
         return mesh.model_copy(update=sizes)
+
+    @field_validator("mesh", mode="after")
+    @classmethod
+    def _resolve_symmetry(cls, mesh: Mesh, info: ValidationInfo) -> Mesh:
+        # What a tissue would do starts from a mesh that is no more symmetric than a tissue.
+        if "symmetry" in mesh.model_fields_set or "run" not in info.data:
+            return mesh
+        return mesh.model_copy(update={"symmetry": 4 * (info.data["run"].follow != "stable")})
 
     @model_validator(mode="after")
     def _cross_checks(self) -> Self:

@@ -15,7 +15,7 @@ from opticcup_fem.equilibrium.continuation import (
     Ending,
     PathState,
 )
-from opticcup_fem.equilibrium.critical import CriticalPoint
+from opticcup_fem.equilibrium.critical import CriticalPoint, CriticalPoints, Known
 from opticcup_fem.equilibrium.path import PathPoint
 from opticcup_fem.equilibrium.problem import Problem
 from opticcup_fem.errors import ClosureBreakdown, ConvergenceError, OpticCupError
@@ -88,14 +88,17 @@ class BranchPath:
     Arc length is the r.m.s. move of the surface over R, and t_n.
     """
 
-    def __init__(self, problem: Problem, control: ArcControl = CONTROL) -> None:
+    def __init__(
+        self, problem: Problem, points: CriticalPoints | None = None, control: ArcControl = CONTROL
+    ) -> None:
         """Keep the parts.
 
         Args:
             problem: The shell's global problem.
+            points: Finds the modes of limit points; None leaves these unexplained.
             control: Steps.
         """
-        self.problem, self.control = problem, control
+        self.problem, self.points, self.control = problem, points, control
         self.monitor: Callable[[], None] | None = None
         self._ending: Ending | None = None
         self._accepted = 0
@@ -109,7 +112,7 @@ class BranchPath:
         """Yield the states of the branch, stable or not, limit points included (collective).
 
         Args:
-            critical: The bifurcation; the first state carries it.
+            critical: The bifurcation; the state beside it is the first.
             bounds: The branch is followed while t_n lies between them.
             longest: Longest arc.
         """
@@ -129,14 +132,19 @@ class BranchPath:
         if last is None:
             self._ending = Ending(critical.at, min(map(abs, PUSHES)), None)
             return
-        yield replace(self._point(equations, last), critical=(critical,))
+        yield self._bifurcation(equations, critical)
+        point = self._point(equations, last)
+        yield point
         while last.arc < longest:
             continuation = Continuation(equations, self.control, monitor=self.monitor)
             steps = continuation.onward(last, bounds[1], lowest=bounds[0], longest=longest)
             for count, last in enumerate(steps, start=1):
                 if not bounds[0] < last.t < bounds[1]:
                     return
-                yield self._point(equations, last)
+                before, point = point, self._point(equations, last)
+                if last.is_fold:
+                    point = self._explained(before, point)
+                yield point
                 if count >= CHART and not last.is_fold:
                     break
             else:
@@ -150,6 +158,20 @@ class BranchPath:
     def is_empty(self) -> bool:
         """Whether no state has been found on it."""
         return self._accepted == 0
+
+    def _bifurcation(self, equations: ShellEquations, critical: CriticalPoint) -> PathPoint:
+        """Return the state beside a bifurcation as the first point of its branch (collective)."""
+        residual = equations.linearise(equations.pack(critical.state), critical.at).residual
+        return PathPoint(
+            critical.at,
+            critical.state,
+            False,
+            sum(value < 0 for value in critical.eigenvalues),
+            0,
+            residual,
+            self.problem.shell.energy(critical.state),
+            (critical,),
+        )
 
     def _point(self, equations: ShellEquations, solution: PathState) -> PathPoint:
         """Return a solution as a point of a path; the tangent is that of its last iterate."""
@@ -166,6 +188,14 @@ class BranchPath:
             solution.residual,
             shell.energy(state),
         )
+
+    def _explained(self, before: PathPoint, fold: PathPoint) -> PathPoint:
+        """Return a limit point with its mode, as far as stability is known (collective)."""
+        if self.points is None or before.negative_eigenvalues is None:
+            return fold
+        known = Known(before.t_n, before.state, before.negative_eigenvalues)
+        critical = self.points.at_limit_point(known, fold.t_n, fold.state)
+        return replace(fold, critical=(critical,))
 
     def failure(self) -> OpticCupError | None:
         """Return why the branch could not be followed any farther, None if it was."""

@@ -38,6 +38,7 @@ SYMBOLS = {
     "D_over_r": r"invagination depth $D/r$",
     "lambda_iov": r"IOV thickness ratio $\lambda_\mathrm{IOV}$",
     "apex_height_over_R": r"apex height $c/R$",
+    **{f"interface_m{m}": rf"$m = {m}$ on the interface, amplitude$/R$" for m in range(2, 9)},
 }
 
 SETTINGS: dict[str, Any] = {

@@ -12,11 +12,12 @@ from opticcup_fem.checkpoint import Checkpoint, delete_checkpoint
 from opticcup_fem.contact.report import contact_report
 from opticcup_fem.equilibrium.critical import CriticalPoint
 from opticcup_fem.equilibrium.path import PathPoint
-from opticcup_fem.errors import ClosureBreakdown, InterruptedRun, OpticCupError
+from opticcup_fem.errors import CaseError, ClosureBreakdown, InterruptedRun, OpticCupError
 from opticcup_fem.shell.model import Shell
 from opticcup_fem.shell.recovery import capture, gather_nodes
+from opticcup_fem.shell.tissue import Tissue
 from opticcup_fem.studies.contact import TouchWatch
-from opticcup_fem.studies.model import Stepping, shell_of, stepping_of
+from opticcup_fem.studies.model import Stepping, remarks_on, shell_of, stepping_of
 from opticcup_fem.studies.outcome import RunSummary, on_root
 from opticcup_fem.studies.progress import Progress, sentence
 from opticcup_fem.studies.recorder import ContactNumbers, Recorder, StateNumbers
@@ -30,6 +31,7 @@ def run(
     quiet: bool = False,
     comm: MPI.Comm | None = None,
     resume: bool = False,
+    tissue: Tissue | None = None,
 ) -> RunSummary:
     """Grow the cup of a case from t_n = 0 to run.t_end (collective).
 
@@ -39,22 +41,28 @@ def run(
         quiet: No progress bar.
         comm: MPI communicator, all ranks by default.
         resume: Go on with the interrupted run of this case in the folder.
+        tissue: Layers and growth in place of the case's.  No file can name them, so that such a
+            run leaves no checkpoint; kappa_cap_R in its records is the case's.
 
     Raises:
         CaseError: The shape is not a cup, the folder cannot be written or is in use, there is
-            nothing to resume, or an obstacle overlaps the shell at the start.
+            nothing to resume, a tissue is to be resumed, or an obstacle overlaps the shell at the
+            start.
         InterruptedRun: SIGINT or SIGTERM arrived; the run stopped after its step.
         MeshError: The cup cannot be meshed as the case asks.
         RecordError: A state could not be written; what was written before is kept.
     """
     require_cup(case, 'run.model = "surface" is')
     comm = comm or MPI.COMM_WORLD
+    if resume and tissue is not None:
+        raise CaseError("a run with layers or growth from Python is not resumed: run it again")
     progress = Progress(case.run.t_end, shown=comm.rank == 0 and not quiet)
     saved = read_for(case, out_dir, comm) if resume else None
     records = None if saved is None else saved.numbers["records"]
-    recorder = on_root(comm, lambda: Recorder(case, out_dir, progress, records))
+    remarks = remarks_on(tissue)
+    recorder = on_root(comm, lambda: Recorder(case, out_dir, progress, records, remarks))
     try:
-        return _grow(case, out_dir, comm, progress, recorder, saved)
+        return _grow(case, out_dir, comm, progress, recorder, saved, tissue)
     finally:
         if recorder is not None:
             recorder.folder.close()
@@ -67,14 +75,16 @@ def _grow(
     progress: Progress,
     recorder: Recorder | None,
     saved: Checkpoint | None,
+    tissue: Tissue | None,
 ) -> RunSummary:
     """Follow the path and record it, from its beginning or from a checkpoint (collective)."""
     with progress.running():
         with progress.phase("meshing and compiling kernels"):
-            shell = shell_of(case, comm)
+            shell = shell_of(case, comm, tissue)
             stepping = stepping_of(case, shell)
         stepping.count_iterations(progress.iteration)
         restart = Restart(case, out_dir, shell, stepping)
+        restart.possible &= tissue is None
         touched = (
             any(one["kind"] == "self_contact" for one in recorder.recorded) if recorder else False
         )

@@ -75,6 +75,7 @@ class Recorder:
         out_dir: Path,
         progress: Progress,
         resumed: Mapping[str, Any] | None = None,
+        remarks: Mapping[str, str] | None = None,
     ) -> None:
         """Open the folder.
 
@@ -83,6 +84,7 @@ class Recorder:
             out_dir: The run folder.
             progress: Where events are announced.
             resumed: What ``present`` gave when the run in the folder could last be resumed.
+            remarks: What case.toml shall begin with, beside the versions.
 
         Raises:
             CaseError: The folder cannot be written, or is in use.
@@ -103,7 +105,7 @@ class Recorder:
             self.recorded = [dict(one) for one in resumed["recorded"]]
             self._announced = set(resumed["announced"])
             self._last_sectioned = bool(resumed["last_sectioned"])
-        text = case_to_toml(case, versions())
+        text = case_to_toml(case, {**versions(), **(remarks or {})})
         self.folder = RunFolder(out_dir, text, overwrite=True, resumed=written)
         self._has_modes = written is not None and written.critical > 0
         if resumed is not None:
@@ -183,6 +185,7 @@ class Recorder:
             "t_n_range": list(point.t_n_range),
             "eigenvalue": point.mode.eigenvalue,
             "eigenvalues": list(point.eigenvalues),
+            "row": len(self.rows),
         }
         if point.kind == "limit_point":
             kind, how = "limit_point", "fold"
@@ -191,6 +194,8 @@ class Recorder:
         self.recorded.append(event(kind, how, point.t_n, self._kappa(point.t_n), **fields))
         if self.case.output.fields:
             self.folder.write_mode_fields(snapshot, motion)
+        if self.case.run.follow == "branch":  # output.times do not tell its states apart
+            self.folder.write_sections(snapshot)
         if self._reordering is not None:
             snapshot, motion = self._ordered(snapshot), self._reordering.at_nodes(motion)
         mode = CriticalMode(point.t_n, kind, snapshot, motion, point.content)
@@ -256,6 +261,7 @@ class Recorder:
     def _note_touch(self, touch: dict[str, Any]) -> None:
         """Record where faces first met."""
         fields = {key: value for key, value in touch.items() if key != "t_n"}
+        fields["row"] = len(self.rows)
         t_n = float(touch["t_n"])
         self.recorded.append(event("self_contact", "thickness", t_n, self._kappa(t_n), **fields))
         self.progress.event(self.recorded[-1])
@@ -286,7 +292,8 @@ class Recorder:
         shown = detect_events([*self.rows, row], self.recorded, curvature=self._kappa)
         known = {one["kind"] for one in self.recorded}
         self.recorded += [one for one in shown if one["kind"] == "symmetry_breaking" not in known]
-        contact = event("self_contact", "mid-surface", t_n, self._kappa(t_n), **crossing.describe())
+        where = {**crossing.describe(), "row": len(self.rows)}
+        contact = event("self_contact", "mid-surface", t_n, self._kappa(t_n), **where)
         self.recorded.append(contact)
         for one in self.recorded:
             if one["type"] != "thickness":  # announced when it happened

@@ -148,6 +148,13 @@ def test_default_thickness_rule_follows_the_closure(closure, points):
     assert parse_case({"material": material}).material.thickness_points == (3, 6, 8)
 
 
+@pytest.mark.parametrize(("follow", "planes"), [("stable", 0), ("axisymmetric", 4), ("branch", 4)])
+def test_default_symmetry_of_the_mesh_follows_the_path(follow, planes):
+    assert parse_case({"run": {"follow": follow}}).mesh.symmetry == planes
+    given = {"run": {"follow": follow}, "mesh": {"symmetry": 6}}
+    assert parse_case(given).mesh.symmetry == 6
+
+
 @pytest.mark.parametrize(
     ("t_end", "times"),
     [(0.3, (0, 0.1, 0.2, 0.3)), (0.25, (0, 0.1, 0.2, 0.25)), (0.02, (0, 0.02))],

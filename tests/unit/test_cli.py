@@ -35,14 +35,14 @@ def study(monkeypatch):
     """Stand in for the study: no dolfinx, and every outcome on demand."""
     calls = SimpleNamespace(arguments=None, outcome=SimpleNamespace(ok=True, message="all rows"))
 
-    def run(case, out_dir, *, quiet=False, comm=None):
+    def run(case, out_dir, *, quiet=False, resume=False):
         calls.arguments = (case, out_dir, quiet)
         if isinstance(calls.outcome, Exception):
             raise calls.outcome
         return calls.outcome
 
-    package, module = ModuleType("opticcup_fem.studies"), ModuleType("opticcup_fem.studies.cup")
-    module.run, package.cup = run, module
+    package, module = ModuleType("opticcup_fem.studies"), ModuleType("opticcup_fem.studies.run")
+    module.run, package.run = run, module
     monkeypatch.setitem(sys.modules, package.__name__, package)
     monkeypatch.setitem(sys.modules, module.__name__, module)
     return calls
