@@ -31,7 +31,7 @@ def main() -> None:
     """Run every case twice and print a table."""
     parser = argparse.ArgumentParser(description="Time runs with and without contact.")
     parser.add_argument("ratios", nargs="*", type=float, default=[5.0], metavar="R/h")
-    parser.add_argument("--coarse", type=float, default=1.0, metavar="FACTOR", help="of cells, the cap's excepted")
+    parser.add_argument("--coarse", type=float, default=1.0, metavar="FACTOR", help="of cells")
     parser.add_argument("--to", type=float, default=1.0, metavar="T", help="last t_n")
     options = parser.parse_args()
     for ratio in options.ratios:
@@ -44,10 +44,14 @@ def main() -> None:
         times = max(abs(off[k][0] - on[k][0]) for k in range(same))
         print(f"  before: states differ by {apart:.1e} R, times by {times:.1e}")
         before = [_seconds(states, -1.0, on[first - 1][0]) for states in (off, on)]
-        print(f"  before: {before[0]:.1f} s and {before[1]:.1f} s, ratio {before[1] / before[0]:.3f}")
+        print(
+            f"  before: {before[0]:.1f} s and {before[1]:.1f} s, ratio {before[1] / before[0]:.3f}"
+        )
         if first < len(on):
             after = [_seconds(states, on[first - 1][0], 2.0) for states in (off, on)]
-            print(f"  after: {after[0]:.1f} s and {after[1]:.1f} s, ratio {after[1] / after[0]:.2f}")
+            print(
+                f"  after: {after[0]:.1f} s and {after[1]:.1f} s, ratio {after[1] / after[0]:.2f}"
+            )
 
 
 def _seconds(states: list[State], start: float, end: float) -> float:

@@ -66,10 +66,10 @@ def test_last_change_of_sign_counts() -> None:
 
 def test_wrong_cases_are_refused() -> None:
     """One sentence each."""
-    with pytest.raises(CaseError, match='contact.mode = "stop" is not possible: a slit'):
+    with pytest.raises(CaseError, match=r'contact\.mode = "stop" is not possible: a slit'):
         _require(coarse_case(15.0), None)
     resisting = coarse_case(15.0, 0.3, contact={"mode": "resist"})
-    with pytest.raises(CaseError, match="--at 0.25 is not possible: take one of output.times"):
+    with pytest.raises(CaseError, match=r"--at 0\.25 is not possible: take one of output\.times"):
         _require(resisting, 0.25)
     _require(resisting, 0.3)
     with pytest.raises(CaseError, match="imperfection"):

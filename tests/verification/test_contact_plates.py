@@ -1,4 +1,4 @@
-"""A sphere between two rigid plates (half of it): Reissner's slope, a flat contact, then a dimple."""
+"""Half a sphere between two plates: Reissner's slope, a flat contact, and then a dimple."""
 
 import numpy as np
 import pytest
