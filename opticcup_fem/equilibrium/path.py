@@ -22,6 +22,9 @@ PUSHES = (0.01, 0.02, 0.04, 0.08, 0.16)
 """Moves along a critical mode, largest of a node over R, that are tried one after the other until
 relaxation leaves the path that lost its stability."""
 
+SLIP_STEP = 10
+"""Smallest steps in a step on which parts that touch may slip: where on it does not matter."""
+
 
 @dataclass(frozen=True)
 class PathPoint:
@@ -194,7 +197,10 @@ class LoadStepping:
             found, solution = attempt.point, attempt.solution
             spent += solution.iterations
             if found is not None:
-                history.add(found.t_n, self._remembered(found))
+                if found.jump:
+                    history = History(self.problem, course, found.t_n, self._remembered(found))
+                else:
+                    history.add(found.t_n, self._remembered(found))
                 quick = solution.iterations <= control.quick
                 dt = min(max(dt, step) * (control.growth if quick else 1.0), control.largest)
             elif not self._gives_up(step, history.states, target, attempt):
@@ -241,13 +247,16 @@ class LoadStepping:
         shell.set_time(t_n)
         near = guess if before is None else before.state
         solution = self.newton.solve(guess, before=near)
-        if not solution.converged and self._may_descend and _touches(near):
-            return self._descended(t_n, guess, near, solution)
+        descends = before is not None and self._may_descend_from(before, t_n)
+        if not solution.converged and before is not None and descends:
+            return self._descended(t_n, guess, before, solution)
         if not solution.converged or self._moved(solution.state, near) > self.control.max_move:
             return Attempt(solution)
         state = shell.with_updated_directors(solution.state)
         negative = self._negative_eigenvalues.at_solution(state)
         if negative and not self._admits(Known(t_n, state, negative), before):
+            if before is not None and descends:
+                return self._descended(t_n, guess, before, replace(solution, best=None))
             return Attempt(solution, unstable=state)
         energy = shell.energy(state)
         point = PathPoint(
@@ -258,27 +267,38 @@ class LoadStepping:
         except ConvergenceError:  # too far apart: a shorter step finds them
             return Attempt(solution)
 
-    def _descended(
-        self, t_n: float, guess: ShellState, before: ShellState, failed: Solution
-    ) -> Attempt:
-        """Go on from a guess by descent: Newton's method wanders where parts come to touch.
+    def _may_descend_from(self, before: PathPoint, t_n: float) -> bool:
+        """Return whether a step that Newton's method fails on is tried by descent."""
+        return _touches(before.state) and (self._may_descend or self._is_short(before, t_n))
 
-        What comes to rest farther than a jump from the guess is not accepted, and not tried again
-        on shorter steps: a stability was lost on the way (collective).
+    def _is_short(self, before: PathPoint, t_n: float) -> bool:
+        return abs(t_n - before.t_n) <= SLIP_STEP * self.control.smallest
+
+    def _descended(
+        self, t_n: float, guess: ShellState, before: PathPoint, failed: Solution
+    ) -> Attempt:
+        """Go on by descent where Newton's method wanders, or ends in an unstable state, in touch.
+
+        It starts where Newton's method came nearest, or at the guess.  What comes to rest farther
+        than a jump from the guess has lost its stability on the way: it is accepted on a short step
+        only, and not tried again before (collective).
         """
         contact = self.problem.contact
         assert contact is not None
-        start, _ = contact.reachable(before, self.problem.with_mean_directors(guess, before))
+        start = failed.best
+        if start is None:
+            turned = self.problem.with_mean_directors(guess, before.state)
+            start, _ = contact.reachable(before.state, turned)
         relaxed = self.relaxation.relax(start)
         spent = replace(failed, iterations=failed.iterations + relaxed.factorisations)
         near = self._moved(relaxed.state, guess) <= self.control.jump_move
-        if not relaxed.converged or not near:
+        if not relaxed.converged or not (near or self._is_short(before, t_n)):
             self._may_descend = False
             return Attempt(spent)
         point = PathPoint(
             t_n,
             relaxed.state,
-            False,
+            not near,
             relaxed.negative_eigenvalues,
             spent.iterations,
             relaxed.residual,

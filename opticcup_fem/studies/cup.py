@@ -17,12 +17,12 @@ from opticcup_fem.shell.model import Shell
 from opticcup_fem.shell.recovery import capture, gather_nodes
 from opticcup_fem.shell.tissue import Tissue
 from opticcup_fem.studies.contact import TouchWatch
-from opticcup_fem.studies.interruption import StopSignals
+from opticcup_fem.studies.interruption import StopSignals, checkpoint_of
 from opticcup_fem.studies.model import Stepping, remarks_on, shell_of, stepping_of
 from opticcup_fem.studies.outcome import RunSummary, on_root, written
 from opticcup_fem.studies.progress import Progress, sentence
 from opticcup_fem.studies.recorder import ContactNumbers, Recorder, StateNumbers
-from opticcup_fem.studies.restart import Restart, read_for, require_written
+from opticcup_fem.studies.restart import Restart, require_written
 
 
 def run(
@@ -58,7 +58,7 @@ def run(
     if resume and tissue is not None:
         raise CaseError("a run with layers or growth from Python is not resumed: run it again")
     progress = Progress(case.run.t_end, shown=comm.rank == 0 and not quiet)
-    saved = read_for(case, out_dir, comm) if resume else None
+    saved = checkpoint_of(case, out_dir, comm) if resume else None
     if saved is not None and not saved.states:  # from the beginning
         saved = None
     records = None if saved is None else saved.numbers["records"]
@@ -87,7 +87,7 @@ def _grow(
             stepping = stepping_of(case, shell)
         stepping.count_iterations(progress.iteration)
         restart = Restart(case, out_dir, shell, stepping)
-        restart.possible &= tissue is None
+        restart.possible = tissue is None
         touched = (
             any(one["kind"] == "self_contact" for one in recorder.recorded) if recorder else False
         )

@@ -22,6 +22,19 @@ from tests.support.interrupted import require_same_run, stop_after
 
 CASE = coarse_case(t_end=0.06, output={"times": [0.02, 0.06]})
 
+BETWEEN_PLATES = coarse_case(
+    t_end=0.012,
+    contact={
+        "mode": "resist",
+        "obstacles": [
+            {"kind": "plate", "centre": [0.0, 0.0, -1.145], "velocity": [0.0, 0.0, 0.2]},
+            {"kind": "plate", "centre": [0.0, 0.0, 1.145]},
+        ],
+    },
+    output={"times": [0.012]},
+)
+"""Grows until it touches two plates, one of which moves; touches after its second state."""
+
 ACROSS_A_BIFURCATION = coarse_case(15.0, 0.32, output={"times": [0.0, 0.1]})
 """Leaves the axisymmetric states along a critical mode near t_n = 0.28."""
 
@@ -52,6 +65,22 @@ def test_resumed_run_is_the_undisturbed_one(interrupted: Path, undisturbed: Path
     assert not (interrupted / CHECKPOINT).exists()
     with pytest.raises(CaseError, match="nothing to resume: its run is finished"):
         cup.run(CASE, interrupted, quiet=True, resume=True)
+
+
+def test_contact_is_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Faces and obstacles as they were kept fixed, not as they would be found again."""
+    assert cup.run(BETWEEN_PLATES, tmp_path / "undisturbed", quiet=True).ok
+    forces = read_path(tmp_path / "undisturbed").contact_force
+    before = int(np.argmax(forces > 0)) + 1
+    assert 1 < before < len(forces) - 1
+    for states in (before - 1, before):
+        folder = tmp_path / str(states)
+        with monkeypatch.context() as patch:
+            stop_after(states, patch)
+            with pytest.raises(InterruptedRun, match="--resume"):
+                cup.run(BETWEEN_PLATES, folder, quiet=True)
+        assert cup.run(BETWEEN_PLATES, folder, quiet=True, resume=True).ok
+        require_same_run(folder, tmp_path / "undisturbed")
 
 
 def test_records_behind_the_checkpoint_are_cut_off(interrupted: Path, undisturbed: Path) -> None:
