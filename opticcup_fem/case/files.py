@@ -130,15 +130,17 @@ def write_case(case: Case, path: str | Path, versions: Mapping[str, str] | None 
 
 def _apply_override(data: dict[str, Any], override: str) -> None:
     name, equals, text = override.partition("=")
-    table, dot, key = (part.strip() for part in name.partition("."))
-    if not (equals and dot and table and key and text.strip()):
+    *tables, key = (part.strip() for part in name.split("."))
+    if not (equals and tables and all([*tables, key]) and text.strip()):
         raise CaseError(
             f"override {override!r}: write it as table.key=value, "
             "for example shape.radius_over_thickness=15"
         )
-    section = data.setdefault(table, {})
-    if not isinstance(section, dict):
-        raise CaseError(f"override {override!r}: {table} is not a table in this case")
+    section = data
+    for table in tables:
+        section = section.setdefault(table, {})
+        if not isinstance(section, dict):
+            raise CaseError(f"override {override!r}: {table} is not a table in this case")
     section[key] = _parse_value(text.strip())
 
 
@@ -161,30 +163,42 @@ def _explain(error: ErrorDetails) -> str:
         return _sentence_part(error["msg"].removeprefix("Value error, "))
     key = ".".join(str(part) for part in loc[:2])
     if error["type"] == "extra_forbidden":
-        return _explain_unknown(key, loc)
+        return _explain_unknown(loc)
     if len(loc) == 1:
         return f"{key} = {show(error['input'])} is not a table: write [{key}] and its keys below"
-    field = _model_of(loc).model_fields[str(loc[1])]
+    model, rest = _innermost(loc)
+    key = ".".join(str(part) for part in loc[: len(loc) - len(rest) + 1])
+    field = model.model_fields[str(rest[0])]
     value = error["input"]
-    is_entry = len(loc) > 2 and error["type"] != "missing"
-    place = f"entry {int(loc[2]) + 1} of {key}" if is_entry else key
-    return f"{place} = {show(value)} is not possible: {_allowed(field)}"
+    is_entry = len(rest) > 1 and error["type"] != "missing"
+    place = f"entry {int(rest[1]) + 1} of {key}" if is_entry else key
+    allowed = _allowed(field)
+    if error["type"] == "value_error":
+        allowed = _sentence_part(error["msg"].removeprefix("Value error, "))
+        allowed += f" ({field.description})"
+    return f"{place} = {show(value)} is not possible: {allowed}"
 
 
-def _explain_unknown(key: str, loc: tuple[int | str, ...]) -> str:
-    known = list((Case if len(loc) == 1 else _model_of(loc)).model_fields)
+def _explain_unknown(loc: tuple[int | str, ...]) -> str:
+    model, what = (Case, "table") if len(loc) == 1 else (_innermost(loc)[0], "key")
+    known = list(model.model_fields)
     close = difflib.get_close_matches(str(loc[-1]), known, n=1)
-    what = "table" if len(loc) == 1 else "key"
+    key = ".".join(map(str, loc))
     if close:
         suggestion = ".".join([*map(str, loc[:-1]), *close])
         return f"{key} is not a known {what}; did you mean {suggestion}?"
     return f"{key} is not a known {what}; known here: {', '.join(known)}"
 
 
-def _model_of(loc: tuple[int | str, ...]) -> type[BaseModel]:
-    model = Case.model_fields[str(loc[0])].annotation
-    assert isinstance(model, type) and issubclass(model, BaseModel)
-    return model
+def _innermost(loc: tuple[int | str, ...]) -> tuple[type[BaseModel], tuple[int | str, ...]]:
+    """Return the innermost table of a place in a case, and the place in it."""
+    model: type[BaseModel] = Case
+    while len(loc) > 1:
+        annotation = model.model_fields[str(loc[0])].annotation
+        if not (isinstance(annotation, type) and issubclass(annotation, BaseModel)):
+            break
+        model, loc = annotation, loc[1:]
+    return model, loc
 
 
 def _allowed(field: FieldInfo) -> str:
@@ -196,6 +210,8 @@ def _allowed(field: FieldInfo) -> str:
     if annotation in (int, float):
         noun = "a whole number" if annotation is int else "a number"
         return f"give {noun}{_bounds(field)}{meaning}"
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return f"give a table of {', '.join(annotation.model_fields)}{meaning}"
     arguments = get_args(annotation)
     if get_origin(annotation) is Literal:
         return f"give one of {', '.join(show(a) for a in arguments)}{meaning}"

@@ -11,7 +11,7 @@ from mpi4py import MPI
 import numpy as np
 
 from opticcup_fem.case import Case, case_to_toml
-from opticcup_fem.case.checks import require_perfect
+from opticcup_fem.case.checks import require_axisymmetric, require_perfect
 from opticcup_fem.errors import ClosureBreakdown, OpticCupError
 from opticcup_fem.events import Event, event
 from opticcup_fem.meridian.contact import self_crossing
@@ -82,9 +82,11 @@ def run(
         comm: MPI communicator, all ranks by default.
 
     Raises:
-        CaseError: The shell has an imperfection, or the folder cannot be written.
+        CaseError: The shell has an imperfection or is not axisymmetric, or the folder cannot be
+            written.
     """
     require_perfect(case, 'run.model = "meridian" is')
+    require_axisymmetric(case, 'run.model = "meridian" is')
     comm = comm or MPI.COMM_WORLD
     summary: RunSummary | None = on_root(comm, lambda: _run(case, out_dir, quiet))
     shared: RunSummary = comm.bcast(summary)

@@ -7,6 +7,7 @@ import math
 from mpi4py import MPI
 
 from opticcup_fem.case import Case
+from opticcup_fem.case.checks import LAYERS, fields_of
 from opticcup_fem.equilibrium.axisymmetric import AxisymmetricStepping
 from opticcup_fem.equilibrium.branch import BranchPath, BranchStepping
 from opticcup_fem.equilibrium.jumps import make_relaxation
@@ -15,11 +16,13 @@ from opticcup_fem.equilibrium.path import LoadStepping
 from opticcup_fem.equilibrium.problem import Problem
 from opticcup_fem.equilibrium.steps import StepControl
 from opticcup_fem.mesh import SurfaceMesh, cup_mesh, disk_mesh, open_cap_mesh
-from opticcup_fem.shell.growth import GrowthLaw, LinearGrowth
+from opticcup_fem.scalar_fields import ScalarField, require_growth, require_values
+from opticcup_fem.shell.growth import GrowthLaw, LinearGrowth, PrescribedGrowth, UnevenLayer
 from opticcup_fem.shell.imperfection import Imperfection, draw_imperfection
 from opticcup_fem.shell.model import Shell
 from opticcup_fem.shell.section import Layer, Section
 from opticcup_fem.shell.supports import free, rigid_modes_of_cup
+from opticcup_fem.stimulus import GROWTH, NO_MASS, stimulus_of
 from opticcup_fem.studies.contact import contact_of
 from opticcup_fem.studies.stability import critical_points_of
 
@@ -39,10 +42,32 @@ def sections_of(case: Case) -> dict[str, Section]:
 
 
 def growth_of(case: Case) -> dict[str, GrowthLaw]:
-    """Return the growth law of every layer."""
-    growth = case.growth
-    rates = {"ecm": growth.ecm, "iov": growth.iov, "oov": growth.oov}
-    return {name: LinearGrowth(rate, growth.mass_change) for name, rate in rates.items()}
+    """Return the growth law of every layer.
+
+    Raises:
+        CaseError: A field has values without a meaning somewhere.
+    """
+    t_end = case.run.t_end
+    for key, value in fields_of(case).items():
+        field = ScalarField(value)
+        if key.startswith("growth"):
+            require_growth(field, key, t_end)
+        elif key.startswith("material"):
+            require_values(field, key, t_end, above=0.0)
+    return {layer: _law_of(case, layer) for layer in LAYERS}
+
+
+def _law_of(case: Case, layer: str) -> GrowthLaw:
+    rate, stimulus = getattr(case.growth, layer), stimulus_of(case, layer)
+    properties = [getattr(case.material, f"{name}_{layer}") for name in ("stiffness", "thickness")]
+    law: GrowthLaw
+    if isinstance(rate, float) and stimulus in (GROWTH, NO_MASS):
+        law = LinearGrowth(rate, stimulus == GROWTH)
+    else:
+        law = PrescribedGrowth(ScalarField(rate), stimulus)
+    if properties == [1.0, 1.0]:
+        return law
+    return UnevenLayer(law, *map(ScalarField, properties))
 
 
 def imperfection_of(case: Case) -> Imperfection | None:
