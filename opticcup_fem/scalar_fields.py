@@ -98,7 +98,7 @@ class ScalarField:
             return np.asarray(float(self._value))
         if self._tree is None:
             assert not isinstance(self._value, str)
-            return np.asarray(np.interp(t_n, self._value.t_n, self._value.value))
+            return np.asarray(np.interp(np.asarray(t_n, float), self._value.t_n, self._value.value))
         names = {"theta": theta, "phi": phi, "t_n": t_n, "rho": rho}
         return self._evaluate({name: np.asarray(x, float) for name, x in names.items()})
 

@@ -183,6 +183,12 @@ def _check_mass(case: Case) -> None:
                     getattr(mass, name),
                     f'without a balance it means nothing; set mass.{layer}.source, "0" for none',
                 )
+        if mass.edge_flux != 0 and mass.diffusivity == 0:
+            _reject(
+                f"mass.{layer}.edge_flux",
+                mass.edge_flux,
+                f"nothing flows in the layer; set mass.{layer}.diffusivity",
+            )
         if mass.stiffness and mass.kind != "other":
             _reject(
                 f"mass.{layer}.stiffness",

@@ -155,5 +155,6 @@ class Section:
         ):
             x, w = np.polynomial.legendre.leggauss(layer.points)
             half = layer.thickness * factor / 2
-            rules.append(([low + half * (1 + one) for one in x], [half * one for one in w]))
+            heights: list[Array | float] = [low + half * (1 + float(one)) for one in x]
+            rules.append((heights, [half * float(one) for one in w]))
         return rules

@@ -15,8 +15,10 @@ from opticcup_fem.equilibrium.newton import WANDERING, MixedNewton
 from opticcup_fem.equilibrium.path import LoadStepping
 from opticcup_fem.equilibrium.problem import Problem
 from opticcup_fem.equilibrium.steps import StepControl
+from opticcup_fem.equilibrium.transport import surface_balance
 from opticcup_fem.mesh import SurfaceMesh, cup_mesh, disk_mesh, open_cap_mesh
 from opticcup_fem.scalar_fields import ScalarField, require_growth, require_values
+from opticcup_fem.shell.balance import BalanceLaw
 from opticcup_fem.shell.growth import GrowthLaw, LinearGrowth, PrescribedGrowth, UnevenLayer
 from opticcup_fem.shell.imperfection import Imperfection, draw_imperfection
 from opticcup_fem.shell.model import Shell
@@ -70,6 +72,34 @@ def _law_of(case: Case, layer: str) -> GrowthLaw:
     return UnevenLayer(law, *map(ScalarField, properties))
 
 
+def balance_laws_of(case: Case) -> dict[str, BalanceLaw]:
+    """Return what changes the mass of every layer whose mass balance is to be solved.
+
+    Raises:
+        CaseError: A diffusivity is not a number of 0 or more somewhere.
+    """
+    laws = {}
+    for layer in LAYERS:
+        keys = getattr(case.mass, layer)
+        if keys.source == "":
+            continue
+        source, diffusivity, edge_flux = map(
+            ScalarField, (keys.source, keys.diffusivity, keys.edge_flux)
+        )
+        require_values(diffusivity, f"mass.{layer}.diffusivity", case.run.t_end, above=-1e-300)
+        laws[layer] = BalanceLaw(
+            stimulus_of(case, layer),
+            lambda t_n, points, rho, field=source: field.at(t_n, points.x, rho),
+            None
+            if diffusivity.is_zero
+            else lambda t_n, points, field=diffusivity: field.at(t_n, points.x),
+            None
+            if edge_flux.is_zero
+            else lambda t_n, places, field=edge_flux: field.at(t_n, places),
+        )
+    return laws
+
+
 def imperfection_of(case: Case) -> Imperfection | None:
     """Return the imperfection of a case, lengths in R; None for a perfect shell."""
     keys = case.imperfection
@@ -100,13 +130,17 @@ def mesh_of(case: Case, comm: MPI.Comm) -> SurfaceMesh:
 
 def shell_of(case: Case, comm: MPI.Comm) -> Shell:
     """Return the shell of a case (collective)."""
-    return Shell(
+    shell = Shell(
         mesh_of(case, comm),
         sections_of(case),
         growth_of(case),
         case.material.closure,
         imperfection=imperfection_of(case),
     )
+    laws = balance_laws_of(case)
+    if laws:
+        surface_balance(shell, laws, case.mass.tolerance)
+    return shell
 
 
 Stepping = LoadStepping | BranchStepping
