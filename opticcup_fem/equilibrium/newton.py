@@ -160,7 +160,7 @@ class MixedNewton:
         return replace(balanced, converged=False, reason="MASS_NOT_SETTLED", iterations=spent)
 
     def _settle(self, state: ShellState) -> bool:
-        """Solve the mass balance in a state; return whether that changed the growth (collective)."""
+        """Solve the mass balance in a state; return whether growth changed (collective)."""
         shell = self.problem.shell
         return shell.balance is not None and settle(shell, state)
 

@@ -58,14 +58,9 @@ def evaluate(
     inside = np.searchsorted(mesh.vertices[cells[1:]], s, side="right")
     cell = cells[inside]
     x = (s - mesh.vertices[cell]) / mesh.sizes[cell]
-    powers = np.arange(3)
-    to_powers = np.linalg.pinv(shell.forms.quadrature_points[:, None] ** powers)
-    fit = x[:, None] ** powers @ to_powers
 
     def at(values: Array) -> Array:
-        """Return values at the quadrature points at the arc lengths."""
-        per_cell = values.reshape(len(cells), -1, *values.shape[1:])
-        return np.asarray(np.einsum("kq,kq...->k...", fit, per_cell[inside]))
+        return shell.carried(region, values, s)
 
     fields = {
         name: LayerFields(at(mean.thickness_stretch), at(mean.stress), at(mean.thickness))

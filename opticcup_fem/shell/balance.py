@@ -1,10 +1,11 @@
 r"""Mass balance (S9) of the layers of a shell that deforms.
 
-Of a layer of thickness H at rest, with J = sqrt(det a/det a_ref) <lambda_3>, the ratio of its present
-to its first volume (no shifter, as in the energy; <lambda_3> is the layer's mean), the mass per
-initial mass is M = J rho/rho_0 and (S9) reads, for all w on the layer,
+Of a layer of thickness H at rest, with J = sqrt(det a/det a_ref) <lambda_3>, the ratio of its
+present to its first volume (no shifter, as in the energy; <lambda_3> is the layer's mean), the mass
+per initial mass is M = J rho/rho_0 and (S9) reads, for all w on the layer,
 
-    d/dt int H M w dA_ref = int H J S w dA_ref - int H J D grad rho . grad w dA_ref - int H q w dS_ref
+    d/dt int H M w dA_ref = int H J S w dA_ref - int H J D grad rho . grad w dA_ref
+                            - int H q w dS_ref
 
 with grad on the present mid-surface, grad rho . grad w = a^ab rho,_a w,_b, and q the mass that
 leaves through the layer's edge, per area of the edge at rest.  All densities are over rho_0.
@@ -86,9 +87,7 @@ class Geometry(NamedTuple):
 
     def towards(self, other: Geometry, share: float) -> Geometry:
         """Return the geometry at a share of the way to another."""
-        return Geometry(
-            *((1 - share) * a + share * b for a, b in zip(self, other, strict=True))
-        )
+        return Geometry(*((1 - share) * a + share * b for a, b in zip(self, other, strict=True)))
 
 
 def root_of_metric(a: Array) -> Array:

@@ -25,13 +25,14 @@ from opticcup_fem.meridian.path import MeridianPath, MeridianPoint
 from opticcup_fem.meridian.profile import ClosedSphere, Disc, OpenCap, Profile
 from opticcup_fem.meridian.revolution import SEGMENTS, Revolution
 from opticcup_fem.meridian.shell import MeridianShell
+from opticcup_fem.meridian.transport import balance_columns, meridian_balance
 from opticcup_fem.meridian.waves import Waves
 from opticcup_fem.records import AZIMUTHS, RunFolder
 from opticcup_fem.sampling import azimuths
-from opticcup_fem.studies.model import growth_of, sections_of
+from opticcup_fem.studies.curvature import cap_curvature_of_run
+from opticcup_fem.studies.model import balance_laws_of, growth_of, sections_of
 from opticcup_fem.studies.outcome import RunSummary, on_root
 from opticcup_fem.studies.progress import Progress, sentence
-from opticcup_fem.theory.prediction import cap_curvature_of_case
 from opticcup_fem.versions import versions
 
 
@@ -59,9 +60,13 @@ def shell_of(case: Case) -> MeridianShell:
     """Return the axisymmetric shell of a case."""
     mesh, sections = MeridianMesh(profile_of(case), grading_of(case)), sections_of(case)
     laws = growth_of(case)
-    return MeridianShell(
+    shell = MeridianShell(
         mesh, {name: sections[name] for name in mesh.region}, laws, case.material.closure
     )
+    balances = balance_laws_of(case)
+    if balances:
+        meridian_balance(shell, balances, case.mass.tolerance)
+    return shell
 
 
 def path_of(case: Case) -> MeridianPath:
@@ -234,13 +239,15 @@ class MeridianRecorder:
         return events
 
     def _kappa(self, t_n: float) -> float:
-        return float(cap_curvature_of_case(self.case, np.float64(t_n)))
+        return cap_curvature_of_run(self.case, self.rows, t_n)
 
     def _row(self, point: MeridianPoint, crosses: bool) -> dict[str, Any]:
         pairs = sum(count if m == 0 else 2 * count for m, count in point.negative.items())
+        balance = balance_columns(self.shell, point.state, point.t_n)
+        rows = [*self.rows, {"t_n": point.t_n, **balance}]
         return {
             "t_n": point.t_n,
-            "kappa_cap_R": self._kappa(point.t_n),
+            "kappa_cap_R": cap_curvature_of_run(self.case, rows, point.t_n),
             **self._observer(point.state, point.t_n),
             "jump": point.jump,
             "newton_iterations": point.path.iterations,
@@ -252,6 +259,7 @@ class MeridianRecorder:
             "limit_point": point.path.is_fold,
             "self_crossing": crosses,
             "arc_length": point.path.arc,
+            **balance,
             **{f"negative_m{m}": one.negative for m, one in point.spectra.items()},
             **{f"eigenvalue_m{m}": one.nearest for m, one in point.spectra.items()},
         }

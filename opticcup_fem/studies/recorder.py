@@ -8,8 +8,6 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from opticcup_fem.case import Case, case_to_toml
 from opticcup_fem.contact.report import ContactReport
 from opticcup_fem.contact.touch import Nearest
@@ -20,8 +18,8 @@ from opticcup_fem.observables import Observer
 from opticcup_fem.records import RunFolder, Written
 from opticcup_fem.reordering import Reordering
 from opticcup_fem.snapshot import Floats, Integers, Snapshot
-from opticcup_fem.studies.curvature import cap_curvature_of_run
 from opticcup_fem.studies.critical_modes import CriticalMode, critical_arrays
+from opticcup_fem.studies.curvature import cap_curvature_of_run
 from opticcup_fem.studies.progress import Progress
 from opticcup_fem.versions import versions
 
