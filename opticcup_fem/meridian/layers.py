@@ -22,7 +22,7 @@ class Meridian:
     Attributes:
         position: (r, z), shape (k, 2).
         faces: (r, z) of the layers' faces, inside first, shape (k, n_layers + 1, 2).
-        fields: Thickness stretch, shape (k,), and stress, shape (k, 3), of each layer.
+        fields: Thickness stretch, (k,), stress, (k, 3), factor on the thickness, (k,), by layer.
     """
 
     position: Array
@@ -58,24 +58,22 @@ def evaluate(
     inside = np.searchsorted(mesh.vertices[cells[1:]], s, side="right")
     cell = cells[inside]
     x = (s - mesh.vertices[cell]) / mesh.sizes[cell]
-    powers = np.arange(3)
-    to_powers = np.linalg.pinv(shell.forms.quadrature_points[:, None] ** powers)
-    fit = x[:, None] ** powers @ to_powers
 
     def at(values: Array) -> Array:
-        """Return values at the quadrature points at the arc lengths."""
-        per_cell = values.reshape(len(cells), -1, *values.shape[1:])
-        return np.asarray(np.einsum("kq,kq...->k...", fit, per_cell[inside]))
+        return shell.carried(region, values, s)
 
     fields = {
-        name: LayerFields(at(mean.thickness_stretch), at(mean.stress))
+        name: LayerFields(at(mean.thickness_stretch), at(mean.stress), at(mean.thickness))
         for name, mean in means.items()
     }
     table = mesh.basis.tabulate(1, x[:, None])[..., 0]
     position, tangent = np.einsum("dkn,kni->dki", table, state.r[mesh.cells[cell]])
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
     normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
-    heights = section.face_heights([fields[one.name].thickness_stretch for one in section.layers])
+    layers = [fields[one.name] for one in section.layers]
+    heights = section.face_heights(
+        [one.thickness_stretch for one in layers], [one.thickness for one in layers]
+    )
     return Meridian(position, position[:, None] + heights[..., None] * normal[:, None], fields)
 
 

@@ -26,10 +26,12 @@ class LayerFields:
         thickness_stretch: Mean of lambda_3 through the layer, shape (n_cells, n_nodes).
         stress: Mean Cauchy stress (meridional, azimuthal, shear), shape (n_cells, n_nodes, 3),
             unit mu_IOV.  The first direction is the current image of the reference meridian.
+        thickness: Factor on the thickness at rest, shape (n_cells, n_nodes).
     """
 
     thickness_stretch: Array
     stress: Array
+    thickness: Array
 
 
 def layer_fields(shell: Shell, state: ShellState, region: str) -> dict[str, LayerFields]:
@@ -62,6 +64,7 @@ def layer_fields(shell: Shell, state: ShellState, region: str) -> dict[str, Laye
         name: LayerFields(
             mean.thickness_stretch.reshape(shape) @ to_nodes.T,
             np.einsum("nq,cqi->cni", to_nodes, mean.stress.reshape(*shape, 3)),
+            mean.thickness.reshape(shape) @ to_nodes.T,
         )
         for name, mean in means.items()
     }
@@ -88,18 +91,25 @@ def layer_means(
         meridian: Contravariant components of the first direction of stress, shape (n, 2).
 
     Returns:
-        For each layer fields of shapes (n,) and (n, 3).
+        For each layer fields of shapes (n,), (n, 3) and (n,).
     """
     inv = fibres.invariants(forms, a_ref)
     stretches = {layer.name: np.zeros(len(forms)) for layer in section.layers}
     stresses = {layer.name: np.zeros((len(forms), 3)) for layer in section.layers}
     for fibre in fibres.fibres(section, growth, k_ref):
-        share = fibre.gauss_weight / fibre.layer.thickness
+        share = fibre.share
         s, D, stretch = closures.fibre_state(closure, inv, fibre)
         metric = forms[:, :3] + s[:, None] * forms[:, 3:]
         stretches[fibre.layer.name] += share * stretch
         stresses[fibre.layer.name] += share * _cauchy(fibre, D, stretch, metric, a_ref, meridian)
-    return {name: LayerFields(stretches[name], stresses[name]) for name in stretches}
+    return {
+        layer.name: LayerFields(
+            stretches[layer.name],
+            stresses[layer.name],
+            np.broadcast_to(state.thickness, len(forms)),
+        )
+        for layer, state in zip(section.layers, growth, strict=True)
+    }
 
 
 def _quadratic_fit(shell: Shell) -> Array:
@@ -141,7 +151,7 @@ def _cauchy(
     psi_D = fibres.area_slope(D, stretch**2, fibre.layer)
     natural = np.reshape(fibre.natural, (-1, 1))
     second = 2 * (psi_D * D)[:, None] * _inverse(metric) + mu * _inverse(a_ref) / natural
-    second *= np.reshape(fibre.density_ratio, (-1, 1))
+    second *= np.reshape(fibre.stress_factor, (-1, 1))
     jacobian = np.sqrt(_determinant(metric) / _determinant(a_ref)) * stretch
     first = _lowered(metric, meridian)
     length = np.sqrt(np.sum(meridian * first, axis=1, keepdims=True))
@@ -268,7 +278,8 @@ def layer_faces(
     normal = np.cross(base[..., 0, :], base[..., 1, :])
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
     stretches = [fields[layer.name].thickness_stretch for layer in section.layers]
-    heights = section.face_heights(stretches)
+    factors = [fields[layer.name].thickness for layer in section.layers]
+    heights = section.face_heights(stretches, factors)
     position = state.r[nodes]
     return position[:, :, None, :] + heights[..., None] * normal[:, :, None, :]
 

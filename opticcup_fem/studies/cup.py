@@ -12,6 +12,7 @@ from opticcup_fem.checkpoint import Checkpoint
 from opticcup_fem.contact.report import contact_report
 from opticcup_fem.equilibrium.critical import CriticalPoint
 from opticcup_fem.equilibrium.path import PathPoint
+from opticcup_fem.equilibrium.transport import balance_columns
 from opticcup_fem.errors import CaseError, ClosureBreakdown, InterruptedRun, OpticCupError
 from opticcup_fem.shell.model import Shell
 from opticcup_fem.shell.recovery import capture, gather_nodes
@@ -121,10 +122,16 @@ def _record(
     snapshot = capture(shell, point.state, point.t_n)
     touch = None if watch is None else watch.see(point, snapshot)
     report = None if contact is None else contact_report(contact, point.state)
+    balance = balance_columns(shell, point.state)
     goes_on = True
     if recorder is not None and snapshot is not None:
         numbers = StateNumbers(
-            point.jump, point.iterations, point.negative_eigenvalues, point.residual, point.energy
+            point.jump,
+            point.iterations,
+            point.negative_eigenvalues,
+            point.residual,
+            point.energy,
+            balance,
         )
         nearest = None if watch is None else watch.nearest
         with recorder.noting_failures():
