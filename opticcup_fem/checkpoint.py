@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ from opticcup_fem.errors import CaseError
 from opticcup_fem.hdf5_files import new_file
 
 CHECKPOINT = "checkpoint.h5"
-FORMAT = 1
+FORMAT = 2
 """Number of this layout of the file; readers refuse others."""
 
 
@@ -33,12 +33,14 @@ class Checkpoint:
         numbers: Numbers and records, as JSON knows them.
         states: Arrays of each state, the last one last.
         corners: Vertices of the mesh's cells, shape (n, 3, 3), to which the arrays belong.
+        balance: Arrays of the mass balance, none where there is none.
     """
 
     case: str
     numbers: Mapping[str, Any]
     states: tuple[Mapping[str, NDArray[np.float64]], ...]
     corners: NDArray[np.float64]
+    balance: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
 
 
 def write_checkpoint(folder: Path, checkpoint: Checkpoint) -> None:
@@ -55,6 +57,9 @@ def write_checkpoint(folder: Path, checkpoint: Checkpoint) -> None:
         for k, arrays in enumerate(checkpoint.states):
             for name, values in arrays.items():
                 file[f"states/{k}/{name}"] = values
+        file.create_group("balance")
+        for name, values in checkpoint.balance.items():
+            file[f"balance/{name}"] = values
 
 
 def read_checkpoint(folder: Path) -> Checkpoint:
@@ -86,6 +91,7 @@ def read_checkpoint(folder: Path) -> Checkpoint:
                     for k in range(len(states))
                 ),
                 corners=file["corners"][()],
+                balance={name: values[()] for name, values in file["balance"].items()},
             )
     except (OSError, KeyError) as error:
         raise CaseError(f"{path} is no checkpoint of a run ({error}): run its case again") from None
