@@ -18,8 +18,9 @@ from opticcup_fem.shell.balance import (
     MassBalance,
 )
 from opticcup_fem.shell.fibres import LostFibre
+from opticcup_fem.shell.layer_geometry import layer_geometry
 from opticcup_fem.shell.model import Shell, ShellState
-from opticcup_fem.shell.transport import SurfaceTransport, surface_geometry, surface_sites
+from opticcup_fem.shell.transport import SurfaceTransport, surface_sites
 
 Array = NDArray[np.float64]
 
@@ -101,7 +102,7 @@ def surface_balance(
         sites = surface_sites(shell, name)
         flux = None if law.diffusivity is None else SurfaceFlux(shell, name, sites)
         layers[name] = LayerBalance(name, law, sites, flux)
-    geometry = surface_geometry(shell, shell.reference_state(), list(laws))
+    geometry = layer_geometry(shell, shell.reference_state(), list(laws))
     balance = MassBalance(layers, geometry, tolerance)
     shell.solve_balance(balance)
     return balance
@@ -165,7 +166,7 @@ def _geometry(shell: Shell, state: ShellState) -> dict[str, Geometry] | None:
     assert shell.balance is not None
     found = None
     try:
-        found = surface_geometry(shell, state, list(shell.balance.layers))
+        found = layer_geometry(shell, state, list(shell.balance.layers))
     except LostFibre:
         pass
     return found if shell.comm.allreduce(found is not None, MPI.LAND) else None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import Any
 
 from mpi4py import MPI
 
@@ -24,10 +25,11 @@ from opticcup_fem.shell.balance import (
     root_of_metric,
 )
 from opticcup_fem.shell.kernels import compile_kernels
-from opticcup_fem.shell.transport import CellIntegrals, TransportForms, names_of
+from opticcup_fem.shell.layer_geometry import names_of
+from opticcup_fem.shell.transport import CellIntegrals, TransportForms
 
 Array = NDArray[np.float64]
-Expr = ufl.core.expr.Expr
+Expr = Any
 
 
 class MeridianFlux(CellIntegrals):

@@ -346,7 +346,7 @@ class LayerBalance:
                 break
         else:
             self._require(np.zeros(len(mass), dtype=bool), span[1], "has no solution")
-        stages = np.stack([J * self._at_points(x) for J, x in zip(ratios, rho, strict=True)])
+        stages = np.stack([ratios[k] * self._at_points(rho[k]) for k in range(2)])
         self._require_mass(stages, span[1])
         gained = dt * sum(RADAU[1, j] * float(np.sum(rates[j])) for j in range(2))
         return stages, float(sites.comm.allreduce(gained)), rho
@@ -386,7 +386,7 @@ class LayerBalance:
 
     def _require_mass(self, stages: Array, t_n: float) -> None:
         square = 1 + self.law.stimulus.specific_volume * (stages - 1)
-        enough = (np.minimum(stages, square) > 0).all(axis=0)
+        enough = np.asarray((np.minimum(stages, square) > 0).all(axis=0))
         self._require(enough, t_n, "leaves no mass")
 
     def _require(self, good: NDArray[np.bool_], t_n: float, what: str) -> None:
@@ -593,6 +593,16 @@ class MassBalance:
                 columns[f"{what}_{name}_min"] = sites.extreme(values, MPI.MIN)
                 columns[f"{what}_{name}_max"] = sites.extreme(values, MPI.MAX)
         return columns
+
+    def fields(self, t_n: float, geometry: Mapping[str, Geometry]) -> dict[str, Array]:
+        """Return ``e_<layer>`` and ``rho_<layer>`` at the points of the layers' cells, (m, q)."""
+        fields = {}
+        for name, layer in self.layers.items():
+            mass = self.mass_at(name, t_n)
+            rho = mass / layer.sites.volume_ratio(geometry[name])
+            fields[f"e_{name}"] = layer.sites.per_cell(layer.law.stimulus.factor(mass))
+            fields[f"rho_{name}"] = layer.sites.per_cell(rho)
+        return fields
 
     def _step_to(self, t_n: float) -> dict[str, LayerStep] | None:
         """Return the step that a time lies in; None at the start and before."""

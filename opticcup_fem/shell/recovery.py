@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from opticcup_fem.shell import closures, fibres
 from opticcup_fem.shell.fibres import GrowthState
+from opticcup_fem.shell.layer_geometry import layer_geometry
 from opticcup_fem.shell.model import Shell, ShellState
 from opticcup_fem.shell.section import Section
 from opticcup_fem.snapshot import NODES, Snapshot
@@ -215,6 +216,7 @@ def capture(shell: Shell, state: ShellState, t_n: float) -> Snapshot | None:
         layers |= {(name, layer): value for layer, value in fields.items()}
         faces[name] = layer_faces(shell, state, name, fields)
     mine = _Part(
+        _growth_at_nodes(shell, state),
         shell.reference[:owned],
         state.r[:owned],
         nodes.reshape(-1, len(NODES)),
@@ -242,9 +244,25 @@ def gather_nodes(shell: Shell, values: Array) -> Array | None:
     return None if parts is None else np.concatenate(parts)
 
 
+def _growth_at_nodes(shell: Shell, state: ShellState) -> dict[str, Array]:
+    """Return e and rho of balanced layers at the nodes of all cells, NaN outside of the layers."""
+    balance = shell.balance
+    if balance is None:
+        return {}
+    geometry = layer_geometry(shell, state, list(balance.layers))
+    to_nodes = _quadratic_fit(shell)
+    nodal = {}
+    for name, values in balance.fields(shell.t_n, geometry).items():
+        cells = balance.layers[name.partition("_")[2]].sites.cells
+        nodal[name] = np.full((shell.spaces.n_cells, len(to_nodes)), np.nan)
+        nodal[name][cells] = values @ to_nodes.T
+    return nodal
+
+
 class _Part(NamedTuple):
     """What one rank knows of a snapshot; nodes by global number."""
 
+    growth: dict[str, Array]
     reference: Array
     position: Array
     cells: NDArray[np.int64]
@@ -314,5 +332,8 @@ def _joined(shell: Shell, parts: list[_Part], t_n: float) -> Snapshot:
         stress=stress,
         faces={
             name: np.concatenate([part.faces[name] for part in parts]) for name in shell.sections
+        },
+        growth={
+            name: np.concatenate([part.growth[name] for part in parts]) for name in parts[0].growth
         },
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import basix.ufl
 import numpy as np
@@ -11,17 +12,17 @@ import ufl
 from numpy.typing import NDArray
 
 from opticcup_fem.errors import CaseError
-from opticcup_fem.shell import closures, kinematics
-from opticcup_fem.shell.balance import Geometry, LayerSites, root_of_metric
+from opticcup_fem.shell import kinematics
+from opticcup_fem.shell.balance import LayerSites
 from opticcup_fem.shell.curves import boundary_edges, curve_edges
 from opticcup_fem.shell.forms import Integral
 from opticcup_fem.shell.kernels import Kernel, compile_kernels
+from opticcup_fem.shell.layer_geometry import names_of
 from opticcup_fem.shell.loads import LoadSites
-from opticcup_fem.shell.model import Shell, ShellState
-from opticcup_fem.shell.section import Section
+from opticcup_fem.shell.model import Shell
 
 Array = NDArray[np.float64]
-Expr = ufl.core.expr.Expr
+Expr = Any
 
 
 class TransportForms:
@@ -163,11 +164,6 @@ class SurfaceTransport(CellIntegrals):
         return self.kernels["E"]({**self.fixed, self._flux: q * self._edge}, into=into)
 
 
-def names_of(section: Section) -> list[str]:
-    """Return the names of a section's layers."""
-    return [layer.name for layer in section.layers]
-
-
 def surface_sites(shell: Shell, layer: str) -> LayerSites:
     """Return where the balance of a layer is solved on a surface, before any growth (collective).
 
@@ -197,38 +193,3 @@ def surface_sites(shell: Shell, layer: str) -> LayerSites:
         area.ravel(),
         shell.comm,
     )
-
-
-def surface_geometry(shell: Shell, state: ShellState, layers: list[str]) -> dict[str, Geometry]:
-    """Return where layers are in a state, at the shell's present growth.
-
-    Raises:
-        LostFibre: Some layer has no admissible state.
-    """
-    forms = shell.forms_at_points(state)
-    n_points = forms.shape[1]
-    thickness = {name: np.zeros((shell.spaces.n_cells, n_points)) for name in layers}
-    inside = {name: np.zeros(shell.spaces.n_cells, dtype=bool) for name in layers}
-    for name, section in shell.sections.items():
-        cells = shell.region_cells(name)
-        wanted = set(names_of(section)) & set(layers)
-        if not wanted or len(cells) == 0:
-            continue
-        means = closures.mean_stretches(
-            shell.closure,
-            section,
-            shell.growth[name],
-            forms[cells].reshape(-1, 6),
-            shell.a_ref[cells].reshape(-1, 3),
-            shell.surface_mesh.surface.curvature,
-        )
-        for layer in wanted:
-            thickness[layer][cells] = means[layer].reshape(-1, n_points)
-            inside[layer][cells] = True
-    return {
-        name: Geometry(
-            root_of_metric(forms[inside[name], :, :3].reshape(-1, 3)),
-            thickness[name][inside[name]].ravel(),
-        )
-        for name in layers
-    }

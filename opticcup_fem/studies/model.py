@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 from mpi4py import MPI
 
@@ -19,7 +20,14 @@ from opticcup_fem.equilibrium.transport import surface_balance
 from opticcup_fem.mesh import SurfaceMesh, cup_mesh, disk_mesh, open_cap_mesh
 from opticcup_fem.scalar_fields import ScalarField, require_growth, require_values
 from opticcup_fem.shell.balance import BalanceLaw
-from opticcup_fem.shell.growth import GrowthLaw, LinearGrowth, PrescribedGrowth, UnevenLayer
+from opticcup_fem.shell.growth import (
+    Array,
+    GrowthLaw,
+    LinearGrowth,
+    PrescribedGrowth,
+    SurfacePoints,
+    UnevenLayer,
+)
 from opticcup_fem.shell.imperfection import Imperfection, draw_imperfection
 from opticcup_fem.shell.model import Shell
 from opticcup_fem.shell.section import Layer, Section
@@ -73,6 +81,14 @@ def _law_of(case: Case, layer: str) -> GrowthLaw:
     return UnevenLayer(law, *map(ScalarField, properties))
 
 
+def _source(field: ScalarField, t_n: float, points: SurfacePoints, rho: Array) -> Array:
+    return field.at(t_n, points.x, rho)
+
+
+def _diffusivity(field: ScalarField, t_n: float, points: SurfacePoints) -> Array:
+    return field.at(t_n, points.x)
+
+
 def balance_laws_of(case: Case) -> dict[str, BalanceLaw]:
     """Return what changes the mass of every layer whose mass balance is to be solved.
 
@@ -90,13 +106,9 @@ def balance_laws_of(case: Case) -> dict[str, BalanceLaw]:
         require_values(diffusivity, f"mass.{layer}.diffusivity", case.run.t_end, above=-1e-300)
         laws[layer] = BalanceLaw(
             stimulus_of(case, layer),
-            lambda t_n, points, rho, field=source: field.at(t_n, points.x, rho),
-            None
-            if diffusivity.is_zero
-            else lambda t_n, points, field=diffusivity: field.at(t_n, points.x),
-            None
-            if edge_flux.is_zero
-            else lambda t_n, places, field=edge_flux: field.at(t_n, places),
+            partial(_source, source),
+            None if diffusivity.is_zero else partial(_diffusivity, diffusivity),
+            None if edge_flux.is_zero else edge_flux.at,
         )
     return laws
 
