@@ -77,11 +77,19 @@ class Attempt:
 
 @dataclass(frozen=True)
 class PathEnd:
-    """Why a path ended before its end: the last attempt and the time that it was for."""
+    """Why a path ended before its end.
+
+    Attributes:
+        t_n: Normalised time of the last attempt.
+        attempt: The last attempt.
+        unbalanced: The mass balance that has no solution, where that was the reason.
+        critical: The critical point at which stability was lost, where it was looked for.
+    """
 
     t_n: float
     attempt: Solution | Relaxed
     unbalanced: UnbalancedLayer | None = None
+    critical: CriticalPoint | None = None
 
 
 @dataclass(frozen=True)
@@ -385,6 +393,8 @@ class LoadStepping:
         for start in starts:
             found = self._relaxed(point, start, t_n, attempt.solution)
             if found is None:
+                assert self.end is not None
+                self.end = replace(self.end, critical=critical)
                 return None
             spent += found.iterations
             if found.jump:
@@ -412,7 +422,7 @@ class LoadStepping:
             self.end = PathEnd(t_n, attempt, unbalanced)
             return None
         if not relaxed.converged:
-            self.end = PathEnd(t_n, attempt if relaxed.lost is None else relaxed)
+            self.end = PathEnd(t_n, relaxed)
             return None
         negative = relaxed.negative_eigenvalues
         if negative is None:  # the flow ends in a solution of Newton's method

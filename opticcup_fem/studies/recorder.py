@@ -149,9 +149,7 @@ class Recorder:
             and the run is to end there.  The state is then not a row.
         """
         contact = contact or ContactNumbers()
-        if self._observer is None:
-            self._observer = Observer(snapshot)
-            self._check, self._subdivision = surface_check(snapshot)
+        self._prepare(snapshot)
         if contact.report is not None:
             snapshot = replace(snapshot, contact_traction=contact.report.traction(snapshot))
         row = self._row(snapshot, numbers) | self._contact_columns(snapshot, contact)
@@ -161,7 +159,7 @@ class Recorder:
             if table.mode == "stop" and table.stop_at == "thickness":
                 return False
         if self.case.contact.mode != "off":
-            crossing = self._check(self._subdivision.matrix @ snapshot.position)
+            crossing = self._crossing(snapshot)
             if crossing is not None:
                 self._end_in_contact(row, crossing)
                 return False
@@ -173,6 +171,27 @@ class Recorder:
         self._note_events()
         self.progress.step(snapshot.t_n)
         return True
+
+    def ends_crossed(self, snapshot: Snapshot) -> bool:
+        """Record where a way down that came to no rest has crossed itself, and return whether.
+
+        What a surface does beyond that is nothing that a tissue would do: its contact is the end.
+        """
+        self._prepare(snapshot)
+        crossing = self._crossing(snapshot)
+        if crossing is not None:
+            numbers = StateNumbers(True, 0, None, float("nan"), float("nan"))
+            self._end_in_contact(self._row(snapshot, numbers), crossing)
+        return crossing is not None
+
+    def _prepare(self, snapshot: Snapshot) -> None:
+        """Make what depends on the mesh alone, once."""
+        if self._observer is None:
+            self._observer = Observer(snapshot)
+            self._check, self._subdivision = surface_check(snapshot)
+
+    def _crossing(self, snapshot: Snapshot) -> Crossing | None:
+        return self._check(self._subdivision.matrix @ snapshot.position)
 
     def critical(self, point: CriticalPoint, snapshot: Snapshot, motion: Floats) -> None:
         """Record a critical point: its event, and its mode for ParaView and for the picture.
