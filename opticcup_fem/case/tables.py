@@ -20,9 +20,13 @@ from pydantic import (
 )
 
 from opticcup_fem.case.checks import CROSS_CHECKS
+from opticcup_fem.case.field_values import NonNegativeRate, Profile, Rate, Share, Source
 
 Closure = Literal["layer-stretch", "paper", "closed-form", "condensed"]
 Positive = Annotated[float, Field(gt=0)]
+Ratio = Annotated[float, Field(ge=1e-6, le=1e6)]
+CellSize = Annotated[float, Field(ge=1e-3)]
+Seed = Annotated[int, Field(ge=0, le=2**31 - 1)]
 PointCount = Annotated[int, Field(ge=1, le=64)]
 
 
@@ -73,8 +77,8 @@ def _default_thickness_points(data: dict[str, Any]) -> tuple[int, int, int]:
 class Material(_Table):
     """Layers and their law; the stress unit is the shear modulus of the IOV."""
 
-    thickness_ratio: Positive = Field(default=1 / 9, description="m = h_ECM/h_IOV in the cap")
-    modulus_ratio: Positive = Field(default=50.0, description="n = mu_ECM/mu_IOV; mu_OOV = mu_IOV")
+    thickness_ratio: Ratio = Field(default=1 / 9, description="m = h_ECM/h_IOV in the cap")
+    modulus_ratio: Ratio = Field(default=50.0, description="n = mu_ECM/mu_IOV; mu_OOV = mu_IOV")
     poisson_ratio: float = Field(
         default=0.45, ge=0, le=0.5, description="nu of every layer; 0.5 is incompressible, J = 1"
     )
@@ -86,22 +90,72 @@ class Material(_Table):
         strict=False,  # a TOML array is a list
         description="Gauss points through ECM, IOV, OOV",
     )
+    stiffness_ecm: Share = Field(
+        default=1.0, description="factor on the modulus of the ECM: number, table, formula"
+    )
+    stiffness_iov: Share = Field(default=1.0, description="the same of the IOV")
+    stiffness_oov: Share = Field(default=1.0, description="the same of the OOV")
+    thickness_ecm: Profile = Field(
+        default=1.0, description="factor on the thickness of the ECM at rest: number, formula"
+    )
+    thickness_iov: Profile = Field(default=1.0, description="the same of the IOV")
+    thickness_oov: Profile = Field(default=1.0, description="the same of the OOV")
 
 
 class Growth(_Table):
-    """In-plane growth factors of the layers, e = 1 + rate t_n."""
+    """In-plane growth factors of the layers, e = 1 + rate t_n.
 
-    ecm: float = Field(default=0.0, description="rate of the ECM")
-    iov: float = Field(default=5.0, description="rate of the IOV")
-    oov: float = Field(default=1.5, description="rate of the OOV")
+    A rate is a number, a table in t_n or a formula in theta, phi, t_n.
+    """
+
+    ecm: Rate = Field(default=0.0, description="rate of the ECM: number, table, formula")
+    iov: Rate = Field(default=5.0, description="rate of the IOV")
+    oov: Rate = Field(default=1.5, description="rate of the OOV")
     mass_change: bool = Field(
         default=True, description="true: density-preserving growth, stress factor e^2; false: 1"
     )
 
-    def factor(self, layer: Literal["ecm", "iov", "oov"], t_n: float) -> float:
-        """Return the growth factor e of a layer at the normalised time `t_n`."""
-        rate = {"ecm": self.ecm, "iov": self.iov, "oov": self.oov}[layer]
-        return 1.0 + rate * t_n
+
+Kind = Literal["default", "growth", "other", "swelling", "heating"]
+
+
+class LayerMass(_Table):
+    """What makes a layer grow, and what that does to its stress.
+
+    With a ``source`` its mass balance is solved, (S9), and its growth rate is not used.
+    """
+
+    kind: Kind = Field(
+        default="default",
+        description="growth: by the same material; other: by another; swelling; heating; default: "
+        "growth, or swelling with growth.mass_change = false",
+    )
+    source: Source = Field(
+        default="", description="S per volume in rho_0 per t_n: number, table, formula also in rho"
+    )
+    diffusivity: NonNegativeRate = Field(
+        default=0.0, description="D in R^2 per t_n: number, table, formula"
+    )
+    edge_flux: Rate = Field(
+        default=0.0, description="mass that leaves by the layer's edge, in rho_0 R per t_n"
+    )
+    specific_volume: float = Field(
+        default=1.0, gt=0, description="v_m in 1/rho_0; 1 preserves the density"
+    )
+    stiffness: float = Field(
+        default=0.0, ge=0, description="other: energy per mass of what is added, over the tissue's"
+    )
+
+
+class Mass(_Table):
+    """Mass balance and kind of growth of every layer."""
+
+    ecm: LayerMass = Field(default=LayerMass(), description="of the ECM")
+    iov: LayerMass = Field(default=LayerMass(), description="of the IOV")
+    oov: LayerMass = Field(default=LayerMass(), description="of the OOV")
+    tolerance: float = Field(
+        default=1e-6, gt=0, lt=1e-3, description="change of e that ends the iteration of a step"
+    )
 
 
 class Imperfection(_Table):
@@ -113,7 +167,7 @@ class Imperfection(_Table):
     wavenumber: int = Field(
         default=2, ge=0, le=20, description="m, 2 or more; 0: a random mixture of m = 2 .. 8"
     )
-    seed: int = Field(default=1, ge=0, description="seed of phase and mixture")
+    seed: Seed = Field(default=1, description="seed of phase and mixture")
 
 
 class Run(_Table):
@@ -137,8 +191,8 @@ class Run(_Table):
     max_wavenumber: int = Field(
         default=8, ge=2, le=40, description="meridian: stability is counted for m = 0 .. this"
     )
-    t_end: Positive = Field(
-        default=1.0, description="last normalised time t_n; 1 is 20 h in the chick"
+    t_end: float = Field(
+        default=1.0, gt=0, le=100, description="last normalised time t_n; 1 is 20 h in the chick"
     )
 
 
@@ -150,14 +204,14 @@ class Mesh(_Table):
     ``symmetry`` follows ``run.follow`` (docs/decisions/0039-symmetric-meshes.md).
     """
 
-    cell_size_cap: Positive = Field(default=0.33, description="cell size at the apex, in R")
-    cell_size_oov: Positive = Field(
+    cell_size_cap: CellSize = Field(default=0.33, description="cell size at the apex, in R")
+    cell_size_oov: CellSize = Field(
         default=0.30, description="cell size away from the cap, in R; default 0.3 sqrt(5 h/R)"
     )
-    cell_size_interface: Positive = Field(
+    cell_size_interface: CellSize = Field(
         default=0.09, description="cell size at theta = alpha, in R"
     )
-    seed: int = Field(default=1, ge=0, description="seed of the mesh generator")
+    seed: Seed = Field(default=1, description="seed of the mesh generator")
     symmetry: int = Field(
         default=4,
         ge=0,
@@ -172,13 +226,17 @@ class Solver(_Table):
 
     initial_step: Positive = Field(default=0.01, description="first step in t_n")
     max_step: Positive = Field(default=0.1, description="largest step in t_n")
-    min_step: Positive = Field(
-        default=1e-4, description="smallest step in t_n: limit points are located this closely"
+    min_step: float = Field(
+        default=1e-4,
+        ge=1e-9,
+        description="smallest step in t_n: limit points are located this closely",
     )
     growth_factor: float = Field(
         default=1.5, gt=1, le=10, description="growth of the step on success"
     )
-    max_iterations: int = Field(default=15, ge=1, description="most Newton iterations a step")
+    max_iterations: int = Field(
+        default=15, ge=1, le=1000, description="most Newton iterations a step"
+    )
     tolerance: float = Field(
         default=1e-8, gt=0, lt=1, description="Newton tolerance, residual in mu_IOV R^2"
     )
@@ -248,6 +306,7 @@ class Case(_Table):
     shape: Shape = Field(default=Shape(), description="geometry")
     material: Material = Field(default=Material(), description="layers and closure")
     growth: Growth = Field(default=Growth(), description="growth factors e = 1 + rate t_n")
+    mass: Mass = Field(default=Mass(), description="mass balance, kinds of growth")
     imperfection: Imperfection = Field(
         default=Imperfection(), description="surface model only: of the mid-surface"
     )

@@ -72,6 +72,10 @@ FARTHEST = 1.0
 """Newton steps longer than this, in arc length, have lost the path."""
 
 
+MOST_TURNS = 20
+"""Times that a solution may change the equations it solves."""
+
+
 class Inadmissible(ArithmeticError):
     """A point lies outside the domain of the equations; the cause is chained."""
 
@@ -163,6 +167,7 @@ class PathState:
         iterations: Newton iterations spent on it, failed steps included.
         residual: Norm of F.
         is_fold: Whether it is a localised limit point.
+        turns: Iterations among these that followed changes of the equations.
     """
 
     t: float
@@ -173,6 +178,7 @@ class PathState:
     iterations: int = 0
     residual: float = 0.0
     is_fold: bool = False
+    turns: int = 0
 
 
 @dataclass
@@ -206,12 +212,15 @@ class Continuation:
         control: Steps.
         ending: Set when the path could not be followed to its end.
         monitor: Called at every Newton iteration.
+        settle: Called with (x, t) of a solution; returns whether that has changed the equations, so
+            that the iteration has to go on.  It may raise ``Inadmissible``.
     """
 
     problem: ContinuationProblem
     control: ArcControl = field(default_factory=ArcControl)
     ending: Ending | None = None
     monitor: Callable[[], None] | None = None
+    settle: Callable[[Array, float], bool] | None = None
 
     def solve_at(self, x: Array, t: float) -> PathState | None:
         """Return the solution at a fixed load near ``x``, None if Newton's method fails."""
@@ -295,46 +304,56 @@ class Continuation:
         *,
         lowest: float = -math.inf,
         longest: float = 30.0,
+        before: PathState | None = None,
     ) -> Iterator[PathState]:
-        """Yield the solutions after ``start``, which has its tangent; see ``follow``."""
+        """Yield the solutions after ``start``, which has its tangent; see ``follow``.
+
+        Args:
+            start: A solution.
+            t_end: Last load.
+            landings: Loads to land on.
+            lowest: Load below which the path is given up as lost.
+            longest: Arc length after which the path is given up as endless.
+            before: The solution that the step to ``start`` came from, if the path was followed up
+                to there: it goes on as if it had not been interrupted.
+        """
         self.ending = None
-        last, before = start, None
-        step = self.control.initial
+        last = start
+        step = self.control.initial if before is None else self._next_step(before, last)
         due = sorted({*landings, t_end})
         while last.arc < longest:
-            ahead = self._advance(last, before, step)
-            if ahead is None:
+            state = self._advance(last, before, step)
+            if state is None:
                 return
-            state, used = ahead
             for stop in self._stops(last, before, state, due):
                 yield stop
                 if stop.t >= t_end - 1e-12 and not stop.is_fold:
                     return
             yield state
             if state.t < lowest:
-                self.ending = Ending(state.t, used, None)
+                self.ending = Ending(state.t, state.arc - last.arc, None)
                 return
-            step = self._next_step(used, state.iterations)
+            step = self._next_step(last, state)
             before, last = last, state
         self.ending = Ending(last.t, step, None)
 
-    def _advance(
-        self, last: PathState, before: PathState | None, step: float
-    ) -> tuple[PathState, float] | None:
-        """Return the next solution and the step to it; note the end of the path if none."""
+    def _advance(self, last: PathState, before: PathState | None, step: float) -> PathState | None:
+        """Return the next solution; note the end of the path if there is none."""
         spent = 0
         while True:
             attempt = self._step(last, before, step)
             spent += attempt.iterations
             if attempt.state is not None:
-                return replace(attempt.state, iterations=spent), step
+                return replace(attempt.state, iterations=spent)
             step *= 0.4
             if step < self.control.smallest:
                 self.ending = Ending(last.t, step, attempt.cause)
                 return None
 
-    def _next_step(self, used: float, iterations: int) -> float:
-        factor = 2.0 ** ((self.control.wanted - iterations) / 2)
+    def _next_step(self, before: PathState, last: PathState) -> float:
+        """Return the step after that from one solution to the next."""
+        factor = 2.0 ** ((self.control.wanted - (last.iterations - last.turns)) / 2)
+        used = last.arc - before.arc
         return min(used * min(max(factor, 0.5), 1.6), self.control.largest)
 
     def _step(self, last: PathState, before: PathState | None, step: float) -> _Attempt:
@@ -354,7 +373,9 @@ class Continuation:
         self, x: Array, t: float, row: Array, entry: float, x_0: Array, t_0: float, arc: float
     ) -> _Attempt:
         """Solve F = 0 on the plane <row, x - x_0> + entry (t - t_0) = 0."""
-        for iteration in range(1, self.control.iterations + 1):
+        iteration, left, turns, direct = 0, self.control.iterations, 0, 0
+        while left > 0:
+            iteration, left = iteration + 1, left - 1
             value = self.problem.inner(row, x_0 - x) + entry * (t_0 - t)
             try:
                 linear = self.problem.linearise(x, t)
@@ -370,9 +391,20 @@ class Continuation:
             if self.monitor is not None:
                 self.monitor()
             if length <= self.control.tolerance:
-                state = PathState(t, x, x, 0.0, arc, iteration, linear.residual)
+                try:
+                    changed = self.settle is not None and self.settle(x, t)
+                except Inadmissible as cause:
+                    return _Attempt(None, iteration, cause)
+                direct = direct or iteration
+                if changed:
+                    turns += 1
+                    left = self.control.iterations if turns < MOST_TURNS else 0
+                    continue
+                state = PathState(
+                    t, x, x, 0.0, arc, iteration, linear.residual, turns=iteration - direct
+                )
                 return _Attempt(self._with_tangent(state, tangent), iteration)
-        return _Attempt(None, self.control.iterations)
+        return _Attempt(None, iteration)
 
     # --- points between two steps -------------------------------------------------------------
 

@@ -132,8 +132,8 @@ def _mesh_polygon(
         sides = [geo.addLine(a, b) for a, b in zip(ring, ring[1:] + ring[:1], strict=True)]
         surface = geo.addPlaneSurface([geo.addCurveLoop(sides)])
         geo.synchronize()
-        for number, side in enumerate(sides):
-            if number not in free:
+        for k, side in enumerate(sides):
+            if k not in free:
                 mesh.setTransfiniteCurve(side, 2)
         mesh.embed(0, others, 2, surface)
         mesh.setSizeCallback(lambda dim, tag, x, y, z, size: cell_size(x, y))
@@ -181,4 +181,4 @@ def _unfolded(
     stands: npt.NDArray[np.int64] = np.arange(len(together), dtype=np.int64)
     np.minimum.at(stands, twins.max(axis=1), twins.min(axis=1))
     kept, number = np.unique(stands, return_inverse=True)
-    return together[kept], np.asarray(number[corners], dtype=np.int64)
+    return together[kept], number[corners]

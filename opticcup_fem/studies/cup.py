@@ -8,20 +8,22 @@ from mpi4py import MPI
 
 from opticcup_fem.case import Case
 from opticcup_fem.case.checks import require_cup
-from opticcup_fem.checkpoint import Checkpoint, delete_checkpoint
+from opticcup_fem.checkpoint import Checkpoint
 from opticcup_fem.contact.report import contact_report
 from opticcup_fem.equilibrium.critical import CriticalPoint
 from opticcup_fem.equilibrium.path import PathPoint
+from opticcup_fem.equilibrium.transport import balance_columns
 from opticcup_fem.errors import CaseError, ClosureBreakdown, InterruptedRun, OpticCupError
 from opticcup_fem.shell.model import Shell
 from opticcup_fem.shell.recovery import capture, gather_nodes
 from opticcup_fem.shell.tissue import Tissue
 from opticcup_fem.studies.contact import TouchWatch
+from opticcup_fem.studies.interruption import StopSignals, checkpoint_of
 from opticcup_fem.studies.model import Stepping, remarks_on, shell_of, stepping_of
-from opticcup_fem.studies.outcome import RunSummary, on_root
+from opticcup_fem.studies.outcome import RunSummary, on_root, written
 from opticcup_fem.studies.progress import Progress, sentence
 from opticcup_fem.studies.recorder import ContactNumbers, Recorder, StateNumbers
-from opticcup_fem.studies.restart import Restart, StopSignals, read_for, require_written
+from opticcup_fem.studies.restart import Restart, require_written
 
 
 def run(
@@ -57,7 +59,9 @@ def run(
     if resume and tissue is not None:
         raise CaseError("a run with layers or growth from Python is not resumed: run it again")
     progress = Progress(case.run.t_end, shown=comm.rank == 0 and not quiet)
-    saved = read_for(case, out_dir, comm) if resume else None
+    saved = checkpoint_of(case, out_dir, comm) if resume else None
+    if saved is not None and not saved.states:  # from the beginning
+        saved = None
     records = None if saved is None else saved.numbers["records"]
     remarks = remarks_on(tissue)
     recorder = on_root(comm, lambda: Recorder(case, out_dir, progress, records, remarks))
@@ -84,7 +88,7 @@ def _grow(
             stepping = stepping_of(case, shell)
         stepping.count_iterations(progress.iteration)
         restart = Restart(case, out_dir, shell, stepping)
-        restart.possible &= tissue is None
+        restart.possible = tissue is None
         touched = (
             any(one["kind"] == "self_contact" for one in recorder.recorded) if recorder else False
         )
@@ -93,7 +97,7 @@ def _grow(
             watch = TouchWatch(case, shell, stepping, touched=bool(comm.bcast(touched)))
         ended = False
         with StopSignals(comm) as stop:
-            for point in restart.follow(saved, recorder):
+            for point in restart.follow(saved, recorder, watch):
                 ended = not _record(recorder, stepping, point, watch)
                 if not ended:
                     restart.save(recorder)
@@ -104,12 +108,8 @@ def _grow(
                     folder = str(out_dir) if restart.possible else ""
                     raise InterruptedRun(received, point.t_n, folder)
         failure = None if ended else stepping.failure()
-    summary = None
-    if recorder is not None:
-        _record_breakdown(recorder, failure)
-        summary = _summary(recorder, out_dir, failure)
-        delete_checkpoint(out_dir)
-    return comm.bcast(summary)
+    summary: RunSummary = comm.bcast(on_root(comm, lambda: _summary(recorder, out_dir, failure)))
+    return summary
 
 
 def _record(
@@ -122,10 +122,16 @@ def _record(
     snapshot = capture(shell, point.state, point.t_n)
     touch = None if watch is None else watch.see(point, snapshot)
     report = None if contact is None else contact_report(contact, point.state)
+    balance = balance_columns(shell, point.state)
     goes_on = True
     if recorder is not None and snapshot is not None:
         numbers = StateNumbers(
-            point.jump, point.iterations, point.negative_eigenvalues, point.residual, point.energy
+            point.jump,
+            point.iterations,
+            point.negative_eigenvalues,
+            point.residual,
+            point.energy,
+            balance,
         )
         nearest = None if watch is None else watch.nearest
         with recorder.noting_failures():
@@ -157,9 +163,12 @@ def _record_breakdown(recorder: Recorder, failure: OpticCupError | None) -> None
         recorder.breakdown(failure.closure, failure.t_n, place)
 
 
-def _summary(recorder: Recorder, out_dir: Path, failure: OpticCupError | None) -> RunSummary:
+def _summary(recorder: Recorder | None, out_dir: Path, failure: OpticCupError | None) -> RunSummary:
     """Close the records and put the outcome in words."""
-    events = recorder.finish()
+    assert recorder is not None
+    with written(out_dir):
+        _record_breakdown(recorder, failure)
+        events = recorder.finish()
     lines = [sentence(one) for one in events]
     reached = recorder.rows[-1]["t_n"] if recorder.rows else 0.0
     if failure is not None:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from opticcup_fem.case import Case, case_to_toml
+from opticcup_fem.checkpoint import Checkpoint
 from opticcup_fem.contact.report import ContactReport
 from opticcup_fem.contact.touch import Nearest
 from opticcup_fem.crossing import Crossing, surface_check
@@ -21,8 +20,8 @@ from opticcup_fem.records import RunFolder, Written
 from opticcup_fem.reordering import Reordering
 from opticcup_fem.snapshot import Floats, Integers, Snapshot
 from opticcup_fem.studies.critical_modes import CriticalMode, critical_arrays
+from opticcup_fem.studies.curvature import cap_curvature_of_run
 from opticcup_fem.studies.progress import Progress
-from opticcup_fem.theory.prediction import cap_curvature_of_case
 from opticcup_fem.versions import versions
 
 
@@ -36,6 +35,7 @@ class StateNumbers:
         negative_eigenvalues: Of the tangent, None where it has no inertia.
         residual: Norm of the residual.
         energy: Energy over mu_IOV R^3.
+        balance: Numbers of the mass balance by column, where one is solved.
     """
 
     jump: bool
@@ -43,6 +43,7 @@ class StateNumbers:
     negative_eigenvalues: int | None
     residual: float
     energy: float
+    balance: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -106,7 +107,8 @@ class Recorder:
             self._announced = set(resumed["announced"])
             self._last_sectioned = bool(resumed["last_sectioned"])
         text = case_to_toml(case, {**versions(), **(remarks or {})})
-        self.folder = RunFolder(out_dir, text, overwrite=True, resumed=written)
+        beginning = Checkpoint(case.model_dump_json())
+        self.folder = RunFolder(out_dir, text, overwrite=True, resumed=written, beginning=beginning)
         self._has_modes = written is not None and written.critical > 0
         if resumed is not None:
             self.folder.write_events(self.events())
@@ -207,12 +209,15 @@ class Recorder:
         self.recorded.append(event("closure_breakdown", closure, t_n, self._kappa(t_n), **fields))
 
     def finish(self) -> list[Event]:
-        """Write events, last sections and the picture; return the events."""
+        """Write events, last sections and the picture; return the events.
+
+        Raises:
+            OSError: There is no room for them; the run can still be resumed.
+        """
         if self._last is not None and not self._last_sectioned:
             self.folder.write_sections(self._last)
         events = self.events()
         self.folder.write_events(events)
-        self.folder.close()
         if self.case.output.picture and len(self.rows) > 1:
             from opticcup_fem.plots.summary import summary
 
@@ -221,6 +226,7 @@ class Recorder:
                 from opticcup_fem.plots.critical import critical
 
                 critical(self.folder.path)
+        self.folder.finish()
         return events
 
     def events(self) -> list[Event]:
@@ -231,14 +237,15 @@ class Recorder:
         return snapshot if self._reordering is None else self._reordering(snapshot)
 
     def _kappa(self, t_n: float) -> float:
-        return float(cap_curvature_of_case(self.case, np.float64(t_n)))
+        return cap_curvature_of_run(self.case, self.rows, t_n)
 
     def _row(self, snapshot: Snapshot, numbers: StateNumbers) -> dict[str, Any]:
         assert self._observer is not None
         negative = numbers.negative_eigenvalues
+        here = {"t_n": snapshot.t_n, **numbers.balance}
         return {
             "t_n": snapshot.t_n,
-            "kappa_cap_R": self._kappa(snapshot.t_n),
+            "kappa_cap_R": cap_curvature_of_run(self.case, [*self.rows, here], snapshot.t_n),
             **self._observer(snapshot),
             "jump": numbers.jump,
             "newton_iterations": numbers.iterations,
@@ -246,6 +253,7 @@ class Recorder:
             "stable": not negative,
             "residual": numbers.residual,
             "energy": numbers.energy,
+            **numbers.balance,
         }
 
     def _contact_columns(self, snapshot: Snapshot, contact: ContactNumbers) -> dict[str, Any]:
