@@ -14,7 +14,7 @@ import numpy as np
 from opticcup_fem.case import Case, case_to_toml
 from opticcup_fem.case.checks import require_axisymmetric, require_perfect
 from opticcup_fem.checkpoint import Checkpoint
-from opticcup_fem.errors import ClosureBreakdown, InterruptedRun, OpticCupError
+from opticcup_fem.errors import CaseError, ClosureBreakdown, InterruptedRun, OpticCupError
 from opticcup_fem.events import Event, event
 from opticcup_fem.meridian.contact import self_crossing
 from opticcup_fem.meridian.crossings import Crossing, crossings
@@ -100,13 +100,15 @@ def run(
 
     Raises:
         CaseError: The shell has an imperfection or is not axisymmetric, the folder cannot be
-            written or is in use, or there is nothing to resume.
+            written or is in use, there is nothing to resume, or a tissue is to be resumed.
         InterruptedRun: SIGINT or SIGTERM arrived.
         RecordError: The records could not be written; what was written before is kept.
     """
     require_perfect(case, 'run.model = "meridian" is')
     require_axisymmetric(case, 'run.model = "meridian" is')
     comm = comm or MPI.COMM_WORLD
+    if resume and tissue is not None:
+        raise CaseError("a run with layers or growth from Python is not resumed: run it again")
     if resume:
         checkpoint_of(case, out_dir, comm)
     with StopSignals(MPI.COMM_SELF) as stop:
@@ -130,7 +132,8 @@ def _run(
                 recorder.accept(point)
                 progress.step(point.t_n)
                 if received := stop.received():
-                    raise InterruptedRun(received, point.t_n, str(out_dir))
+                    folder = str(out_dir) if tissue is None else ""
+                    raise InterruptedRun(received, point.t_n, folder)
             failure = path.failure()
             with progress.phase("localising events"):
                 events = recorder.finish(failure)
@@ -163,7 +166,7 @@ class MeridianRecorder:
         """
         self.case = case
         text = case_to_toml(case, {**versions(), **remarks})
-        beginning = Checkpoint(case.model_dump_json())
+        beginning = None if remarks else Checkpoint(case.model_dump_json())
         self.folder = RunFolder(out_dir, text, overwrite=True, beginning=beginning)
         self.rows: list[dict[str, Any]] = []
         self.points: list[MeridianPoint] = []

@@ -85,7 +85,8 @@ class Recorder:
             out_dir: The run folder.
             progress: Where events are announced.
             resumed: What ``present`` gave when the run in the folder could last be resumed.
-            remarks: What case.toml shall begin with, beside the versions.
+            remarks: What case.toml shall begin with, beside the versions; such a run is not the
+                case's, and nobody can go on with it from its folder.
 
         Raises:
             CaseError: The folder cannot be written, or is in use.
@@ -107,7 +108,7 @@ class Recorder:
             self._announced = set(resumed["announced"])
             self._last_sectioned = bool(resumed["last_sectioned"])
         text = case_to_toml(case, {**versions(), **(remarks or {})})
-        beginning = Checkpoint(case.model_dump_json())
+        beginning = None if remarks else Checkpoint(case.model_dump_json())
         self.folder = RunFolder(out_dir, text, overwrite=True, resumed=written, beginning=beginning)
         self._has_modes = written is not None and written.critical > 0
         if resumed is not None:
