@@ -33,6 +33,10 @@ def sweep(
         typer.Option(metavar="DIR", help="Folder; default results/ and the study's name."),
     ] = None,
     processes: Processes = None,
+    part: Annotated[
+        str | None,
+        typer.Option(metavar="K/N", help="Only the K-th of N parts, into the cache: job arrays."),
+    ] = None,
     quiet: Quiet = False,
 ) -> None:
     """Compute a parameter study in parallel; write its table.
@@ -48,11 +52,12 @@ def sweep(
 
             study = load_study(study_path)
             prepare_folder(folder)
-        with abort_all_ranks_on_a_bug():
             from opticcup_fem.studies.sweep import command
 
+            chosen = None if part is None else command.Part.parsed(part)
+        with abort_all_ranks_on_a_bug():
             silent = quiet or not sys.stderr.isatty()
-            outcome = command.run(study, folder, processes=processes, quiet=silent)
+            outcome = command.run(study, folder, processes=processes, quiet=silent, part=chosen)
         say(outcome.message, err=outcome.failed > 0)
         if outcome.failed:
             raise typer.Exit(FAILED_RUN)

@@ -10,7 +10,13 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, mesh
 
-__all__ = ["interpolation_points", "model_to_mesh"]
+__all__ = [
+    "KERNEL_HAS_CUSTOM_DATA",
+    "cell_corners",
+    "cell_name",
+    "interpolation_points",
+    "model_to_mesh",
+]
 
 
 def _version(distribution: str) -> tuple[int, int]:
@@ -50,6 +56,25 @@ def interpolation_points(space: fem.FunctionSpace) -> npt.NDArray[np.float64]:
     """
     points = space.element.interpolation_points
     return np.asarray(points() if callable(points) else points)
+
+
+def cell_name(element: Any) -> str:
+    """Return the name of an element's cell, such as "interval".
+
+    A method of UFL's cells up to version 2024.2 (dolfinx 0.9), later a property.
+    """
+    name = element.cell.cellname
+    return str(name() if callable(name) else name)
+
+
+def cell_corners(msh: mesh.Mesh) -> npt.NDArray[np.int32]:
+    """Return the geometry nodes of all cells of a rank, shape (cells, corners).
+
+    ``dofmap`` of the geometry in dolfinx 0.9 and 0.10, the first of its ``dofmaps`` from 0.11.
+    """
+    geometry: Any = msh.geometry
+    is_old = _version("fenics-dolfinx") < (0, 11)
+    return np.asarray(geometry.dofmap if is_old else geometry.dofmaps[0])
 
 
 KERNEL_HAS_CUSTOM_DATA = _version("fenics-ffcx") >= (0, 10)

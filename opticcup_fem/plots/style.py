@@ -10,6 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from opticcup_fem.whole_files import replacing
+
 INK = "#222222"
 REFERENCE = "#8c8c8c"
 
@@ -39,6 +41,7 @@ SYMBOLS = {
     "D_over_r": r"invagination depth $D/r$",
     "lambda_iov": r"IOV thickness ratio $\lambda_\mathrm{IOV}$",
     "apex_height_over_R": r"apex height $c/R$",
+    **{f"interface_m{m}": rf"$m = {m}$ on the interface, amplitude$/R$" for m in range(2, 9)},
 }
 
 SETTINGS: dict[str, Any] = {
@@ -103,7 +106,8 @@ def layer_handles(layers: Sequence[str]) -> list[Patch]:
 
 def save(figure: Figure, path: Path) -> Path:
     """Write a figure and return its path; the figure belongs to no window system."""
-    figure.savefig(path)
+    with replacing(path) as unfinished:
+        figure.savefig(unfinished, format=path.suffix[1:])
     return path
 
 

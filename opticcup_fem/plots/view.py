@@ -12,7 +12,6 @@ import numpy as np
 from matplotlib.colors import Normalize, to_hex
 
 from opticcup_fem.errors import CaseError
-from opticcup_fem.fields import replace_text
 from opticcup_fem.plots import style
 from opticcup_fem.plots.body import Shape, Surface, layer_surfaces
 from opticcup_fem.plots.curves import branches
@@ -20,6 +19,7 @@ from opticcup_fem.plots.page import UNSTABLE
 from opticcup_fem.plots.playback import Playback, load_playbacks
 from opticcup_fem.plots.scene_colours import COLOUR_LABELS, colour_map, colour_scale
 from opticcup_fem.records import VIEW
+from opticcup_fem.whole_files import replace_text
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go

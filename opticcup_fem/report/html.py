@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from jinja2 import Environment, StrictUndefined
 
-from opticcup_fem.fields import replace_text
 from opticcup_fem.report.figures.base import Drawn
+from opticcup_fem.whole_files import replace_text
 
 if TYPE_CHECKING:
     import pandas as pd
