@@ -5,6 +5,7 @@ Nothing heavy is imported at the top: `--help` must answer at once.
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 from collections.abc import Sequence
@@ -218,21 +219,25 @@ def _case_to_resume(
     folder: Path, case_path: Path | None, out: Path | None, overrides: Sequence[str]
 ) -> Case:
     """Return the case of an interrupted run; whatever else was given must agree with it."""
+    from opticcup_fem.case import parse_case
+    from opticcup_fem.checkpoint import CHECKPOINT, read_checkpoint
     from opticcup_fem.records import CASE
 
     if out is not None and out != folder:
         raise CaseError(f"--resume {folder} writes there: leave --out {out} away")
-    if not (folder / CASE).is_file():
+    if not any((folder / name).is_file() for name in (CASE, CHECKPOINT)):
         raise CaseError(f"{folder} holds no run to resume: there is no {CASE} in it")
-    case = _load(folder / CASE, [])
-    if (case_path or overrides) and _load(case_path or folder / CASE, overrides) != case:
+    case = parse_case(json.loads(read_checkpoint(folder).case), str(folder / CHECKPOINT))
+    written = folder / CASE  # not there yet if the run was killed at once
+    if written.exists() and _load(written, []) != case:
+        raise CaseError(
+            f"{written} has been changed since the run began: change it back, or run it as a case "
+            "in another folder"
+        )
+    if (case_path or overrides) and _load(case_path or written, overrides) != case:
         raise CaseError(
             f"{folder} holds the run of another case: resume it with --resume alone, or run this "
             "case in another folder"
-        )
-    if case.run.model != "surface":
-        raise CaseError(
-            f'{folder}: runs with run.model = "{case.run.model}" are not resumed: run its case'
         )
     return case
 

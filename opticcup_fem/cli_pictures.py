@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from opticcup_fem.cli_tools import errors_as_one_line, rank, say
+from opticcup_fem.cli_tools import abort_all_ranks_on_a_bug, errors_as_one_line, rank, say
 from opticcup_fem.errors import CaseError
 
 RunPath = Annotated[Path, typer.Argument(metavar="RUN", help="Run folder.", show_default=False)]
@@ -117,7 +117,7 @@ def pair(
 
 def _made(draw: Callable[[], Path]) -> None:
     """Draw on rank 0 and say where."""
-    with errors_as_one_line():
+    with errors_as_one_line(), abort_all_ranks_on_a_bug():
         if rank() == 0:
             say(str(draw()))
 

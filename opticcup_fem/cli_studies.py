@@ -82,8 +82,8 @@ def reproduce(
 ) -> None:
     """Remake the paper's figures from computations; write report/index.html.
 
-    NAME is fig1, fig2, fig3, fig4, s1 .. s6, readings, mass-off or surface. What is computed is
-    kept in a cache: a run that was interrupted goes on, and a repeated one only draws.
+    NAME is fig1, fig2, fig3, fig4, s1 .. s6, readings, mass-off, coexistence or surface. What is
+    computed is kept in a cache: a run that was interrupted goes on, and a repeated one only draws.
     """
     with errors_as_one_line():
         with one_error_for_all_ranks():

@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from opticcup_fem.errors import CaseError
-from opticcup_fem.hdf5_files import new_file
 from opticcup_fem.snapshot import NODES, Floats, Integers, Snapshot, cell_tangents
+from opticcup_fem.whole_files import new_hdf5
 
 STATES, MESH = "states", "mesh.h5"
 FORMAT = 1
@@ -60,10 +60,10 @@ class StateWriter:
         """
         if self.count == 0:
             self.folder.mkdir(exist_ok=True)
-            with new_file(self.folder / MESH) as file:
+            with new_hdf5(self.folder / MESH) as file:
                 _put_mesh(file, snapshot)
         path = self.folder / f"{self.count:05d}.h5"
-        with new_file(path) as file:
+        with new_hdf5(path) as file:
             file.attrs.update({"format": FORMAT, "t_n": float(snapshot.t_n), "jump": jump})
             _put_state(file, snapshot)
         self.count += 1

@@ -33,20 +33,34 @@ def load_case(path: str | Path, overrides: Sequence[str] = ()) -> Case:
         CaseError: If the file cannot be read, is not TOML, or holds a wrong key or value; the
             message is one sentence.
     """
-    path = Path(path)
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise CaseError(f"{path}: there is no such case file") from None
-    except OSError as error:
-        raise CaseError(f"{path}: cannot be read ({error.strerror})") from None
-    except UnicodeDecodeError:
-        raise CaseError(f"{path}: not a text file in UTF-8, so not a case") from None
-    except tomllib.TOMLDecodeError as error:
-        raise CaseError(f"{path}: not valid TOML: {_sentence_part(str(error))}") from None
+    data = read_toml(path, "case file")
     for override in overrides:
         _apply_override(data, override)
     return parse_case(data, source=str(path))
+
+
+def read_toml(path: str | Path, kind: str = "file") -> dict[str, Any]:
+    """Return the tables of a TOML file.
+
+    Args:
+        path: The file.
+        kind: What to call it where it is missing.
+
+    Raises:
+        CaseError: It cannot be read, or is not TOML.
+    """
+    try:
+        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise CaseError(f"{path}: there is no such {kind}") from None
+    except OSError as error:
+        raise CaseError(f"{path}: cannot be read ({error.strerror})") from None
+    except UnicodeDecodeError:
+        raise CaseError(f"{path}: not a text file in UTF-8") from None
+    except RecursionError:
+        raise CaseError(f"{path}: not usable: its arrays are nested too deeply") from None
+    except ValueError as error:  # wrong TOML, or a number of thousands of digits
+        raise CaseError(f"{path}: not valid TOML: {_sentence_part(str(error))}") from None
 
 
 def parse_case(data: Mapping[str, Any], source: str = "case") -> Case:
@@ -145,7 +159,7 @@ def _apply_override(data: dict[str, Any], override: str) -> None:
 def _parse_value(text: str) -> Any:
     try:
         parsed = tomllib.loads(f"value = {text}")
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):
         # TOML wants 0.45 where people write .45 on a command line; other bare words are strings.
         try:
             return float(text)
@@ -159,32 +173,48 @@ def _explain(error: ErrorDetails) -> str:
     loc = error["loc"]
     if error["type"] == "value_error" and not loc:
         return _sentence_part(error["msg"].removeprefix("Value error, "))
-    key = ".".join(str(part) for part in loc[:2])
-    if error["type"] == "extra_forbidden":
-        return _explain_unknown(key, loc)
-    if len(loc) == 1:
+    if len(loc) == 1 and error["type"] != "extra_forbidden":
+        key = str(loc[0])
         return f"{key} = {show(error['input'])} is not a table: write [{key}] and its keys below"
-    field = _model_of(loc).model_fields[str(loc[1])]
-    value = error["input"]
-    is_entry = len(loc) > 2 and error["type"] != "missing"
-    place = f"entry {int(loc[2]) + 1} of {key}" if is_entry else key
-    return f"{place} = {show(value)} is not possible: {_allowed(field)}"
+    model, where, rest = _table_of(loc)
+    key, inside = str(rest[0]), rest[1:]
+    name = where.format(key)
+    if error["type"] == "extra_forbidden":
+        return _explain_unknown(model, key, where)
+    field = model.model_fields[key]
+    if error["type"] == "missing" and not inside:
+        return f"{name} is missing: {_allowed(field)}"
+    is_entry = inside and error["type"] != "missing"
+    place = f"entry {int(inside[0]) + 1} of {name}" if is_entry else name
+    return f"{place} = {show(error['input'])} is not possible: {_allowed(field)}"
 
 
-def _explain_unknown(key: str, loc: tuple[int | str, ...]) -> str:
-    known = list((Case if len(loc) == 1 else _model_of(loc)).model_fields)
-    close = difflib.get_close_matches(str(loc[-1]), known, n=1)
-    what = "table" if len(loc) == 1 else "key"
+def _explain_unknown(model: type[BaseModel], key: str, where: str) -> str:
+    known = list(model.model_fields)
+    close = difflib.get_close_matches(key, known, n=1)
+    what = "table" if model is Case else "key"
+    sentence = f"{where.format(key)} is not a known {what}"
     if close:
-        suggestion = ".".join([*map(str, loc[:-1]), *close])
-        return f"{key} is not a known {what}; did you mean {suggestion}?"
-    return f"{key} is not a known {what}; known here: {', '.join(known)}"
+        return f"{sentence}; did you mean {where.format(close[0])}?"
+    return f"{sentence}; known here: {', '.join(known)}"
 
 
-def _model_of(loc: tuple[int | str, ...]) -> type[BaseModel]:
+def _table_of(
+    loc: tuple[int | str, ...],
+) -> tuple[type[BaseModel], str, tuple[int | str, ...]]:
+    """Return the table in which an error lies, how its keys are called, and what follows in it.
+
+    Keys of tables in an array are called, say, "radius in entry 1 of contact.obstacles".
+    """
+    if len(loc) == 1:
+        return Case, "{}", loc
     model = Case.model_fields[str(loc[0])].annotation
     assert isinstance(model, type) and issubclass(model, BaseModel)
-    return model
+    if len(loc) > 3:
+        entry = get_args(model.model_fields[str(loc[1])].annotation)[0]
+        if isinstance(entry, type) and issubclass(entry, BaseModel):
+            return entry, f"{{}} in entry {int(loc[2]) + 1} of {loc[0]}.{loc[1]}", loc[3:]
+    return model, f"{loc[0]}.{{}}", loc[1:]
 
 
 def _allowed(field: FieldInfo) -> str:
@@ -204,7 +234,8 @@ def _allowed(field: FieldInfo) -> str:
             return f"give tables{meaning}"
     if Ellipsis in arguments:
         return f"give an array of numbers{_bounds(arguments[0])}{meaning}"
-    return f"give an array of {len(arguments)} whole numbers{_bounds(arguments[0])}{meaning}"
+    noun = "numbers" if arguments[0] is float else "whole numbers"
+    return f"give an array of {len(arguments)} {noun}{_bounds(arguments[0])}{meaning}"
 
 
 def _bounds(annotated: Any) -> str:

@@ -23,6 +23,10 @@ from opticcup_fem.case.checks import CROSS_CHECKS
 
 Closure = Literal["layer-stretch", "paper", "closed-form", "condensed"]
 Positive = Annotated[float, Field(gt=0)]
+Ratio = Annotated[float, Field(ge=1e-6, le=1e6)]
+Rate = Annotated[float, Field(ge=-1000, le=1000)]
+CellSize = Annotated[float, Field(ge=1e-3)]
+Seed = Annotated[int, Field(ge=0, le=2**31 - 1)]
 PointCount = Annotated[int, Field(ge=1, le=64)]
 
 
@@ -73,8 +77,8 @@ def _default_thickness_points(data: dict[str, Any]) -> tuple[int, int, int]:
 class Material(_Table):
     """Layers and their law; the stress unit is the shear modulus of the IOV."""
 
-    thickness_ratio: Positive = Field(default=1 / 9, description="m = h_ECM/h_IOV in the cap")
-    modulus_ratio: Positive = Field(default=50.0, description="n = mu_ECM/mu_IOV; mu_OOV = mu_IOV")
+    thickness_ratio: Ratio = Field(default=1 / 9, description="m = h_ECM/h_IOV in the cap")
+    modulus_ratio: Ratio = Field(default=50.0, description="n = mu_ECM/mu_IOV; mu_OOV = mu_IOV")
     poisson_ratio: float = Field(
         default=0.45, ge=0, le=0.5, description="nu of every layer; 0.5 is incompressible, J = 1"
     )
@@ -91,9 +95,9 @@ class Material(_Table):
 class Growth(_Table):
     """In-plane growth factors of the layers, e = 1 + rate t_n."""
 
-    ecm: float = Field(default=0.0, description="rate of the ECM")
-    iov: float = Field(default=5.0, description="rate of the IOV")
-    oov: float = Field(default=1.5, description="rate of the OOV")
+    ecm: Rate = Field(default=0.0, description="rate of the ECM")
+    iov: Rate = Field(default=5.0, description="rate of the IOV")
+    oov: Rate = Field(default=1.5, description="rate of the OOV")
     mass_change: bool = Field(
         default=True, description="true: density-preserving growth, stress factor e^2; false: 1"
     )
@@ -113,7 +117,7 @@ class Imperfection(_Table):
     wavenumber: int = Field(
         default=2, ge=0, le=20, description="m, 2 or more; 0: a random mixture of m = 2 .. 8"
     )
-    seed: int = Field(default=1, ge=0, description="seed of phase and mixture")
+    seed: Seed = Field(default=1, description="seed of phase and mixture")
 
 
 class Run(_Table):
@@ -137,8 +141,8 @@ class Run(_Table):
     max_wavenumber: int = Field(
         default=8, ge=2, le=40, description="meridian: stability is counted for m = 0 .. this"
     )
-    t_end: Positive = Field(
-        default=1.0, description="last normalised time t_n; 1 is 20 h in the chick"
+    t_end: float = Field(
+        default=1.0, gt=0, le=100, description="last normalised time t_n; 1 is 20 h in the chick"
     )
 
 
@@ -150,14 +154,14 @@ class Mesh(_Table):
     ``symmetry`` follows ``run.follow`` (docs/decisions/0039-symmetric-meshes.md).
     """
 
-    cell_size_cap: Positive = Field(default=0.33, description="cell size at the apex, in R")
-    cell_size_oov: Positive = Field(
+    cell_size_cap: CellSize = Field(default=0.33, description="cell size at the apex, in R")
+    cell_size_oov: CellSize = Field(
         default=0.30, description="cell size away from the cap, in R; default 0.3 sqrt(5 h/R)"
     )
-    cell_size_interface: Positive = Field(
+    cell_size_interface: CellSize = Field(
         default=0.09, description="cell size at theta = alpha, in R"
     )
-    seed: int = Field(default=1, ge=0, description="seed of the mesh generator")
+    seed: Seed = Field(default=1, description="seed of the mesh generator")
     symmetry: int = Field(
         default=4,
         ge=0,
@@ -172,13 +176,17 @@ class Solver(_Table):
 
     initial_step: Positive = Field(default=0.01, description="first step in t_n")
     max_step: Positive = Field(default=0.1, description="largest step in t_n")
-    min_step: Positive = Field(
-        default=1e-4, description="smallest step in t_n: limit points are located this closely"
+    min_step: float = Field(
+        default=1e-4,
+        ge=1e-9,
+        description="smallest step in t_n: limit points are located this closely",
     )
     growth_factor: float = Field(
         default=1.5, gt=1, le=10, description="growth of the step on success"
     )
-    max_iterations: int = Field(default=15, ge=1, description="most Newton iterations a step")
+    max_iterations: int = Field(
+        default=15, ge=1, le=1000, description="most Newton iterations a step"
+    )
     tolerance: float = Field(
         default=1e-8, gt=0, lt=1, description="Newton tolerance, residual in mu_IOV R^2"
     )

@@ -81,7 +81,7 @@ class SteppingState:
         point: The point.
         accepted: Number of accepted steps.
         dt: Length of the next step, unless the history limits it.
-        states: Normalised times and states of the last points, up to three.
+        states: Normalised times and states from which the path is extrapolated.
         blocked: Signed time that a step failed to reach, inf for none.
     """
 
@@ -99,7 +99,10 @@ class LoadStepping:
         end: Set when the path could not be followed to its end.
         accepted: Number of accepted steps.
         present: What the path beyond the last point that was yielded depends on.
+        memory: Number of states from which the path is extrapolated.
     """
+
+    memory = 3
 
     def __init__(
         self,
@@ -174,14 +177,16 @@ class LoadStepping:
         course = Course(t_start, t_end, times)
         if resumed is not None:
             point, dt, self.accepted = resumed.point, resumed.dt, resumed.accepted
-            history = History.restored(self.problem, course, resumed.states, resumed.blocked)
+            history = History.restored(
+                self.problem, course, resumed.states, resumed.blocked, self.memory
+            )
         else:
             first = self._attempt(t_start, state, None)
             if first.point is None:
                 self.end = PathEnd(t_start, first.solution)
                 return
             point, dt = first.point, control.initial
-            history = History(self.problem, course, point.t_n, self._remembered(point))
+            history = self._history(course, point)
             self._note(point, dt, history)
             yield point
         spent = 0
@@ -207,7 +212,7 @@ class LoadStepping:
                 if found is None:
                     return
                 spent += found.iterations
-                history = History(self.problem, course, found.t_n, self._remembered(found))
+                history = self._history(course, found)
                 dt = control.initial
             point = replace(found, iterations=spent)
             self.accepted += 1
@@ -226,9 +231,14 @@ class LoadStepping:
         guess = low.state.plus(high.state.minus(low.state), share)
         return self._attempt(t_n, self.problem.with_mean_directors(guess, low.state), low).point
 
+    def _history(self, course: Course, point: PathPoint) -> History:
+        """Return the history of a path that begins with a point (collective)."""
+        remembered = self._remembered(point)
+        return History(self.problem, course, point.t_n, remembered, self.memory)
+
     def _note(self, point: PathPoint, dt: float, history: History) -> None:
         """Note what the path beyond a point depends on."""
-        states = tuple(history.states)
+        states = tuple(history.passed)
         self.present = SteppingState(point, self.accepted, dt, states, history.blocked)
 
     def _attempt(self, t_n: float, guess: ShellState, before: PathPoint | None) -> Attempt:

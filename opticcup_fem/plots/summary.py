@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
-from matplotlib.patches import Patch
 
 from opticcup_fem.plots import style
 from opticcup_fem.plots.curves import draw_path, mark_events
@@ -88,11 +87,9 @@ def _draw_sections(figure: SubFigure, shown: Sequence[KeyState]) -> None:
     _scale_bar(panels[0], (boxes[0][1] + boxes[0][2]) / 2)
     part_layers = [part.layers for part in shown[0].state.sections[0].parts.values()]
     layers = tuple(dict.fromkeys(name for names in part_layers for name in reversed(names)))
-    patches = [
-        Patch(color=style.layer_colour(name, layers), label=style.LAYER_LABELS.get(name, name))
-        for name in layers
-    ]
-    figure.legend(handles=patches, loc="outside lower center", ncols=len(patches))
+    figure.legend(
+        handles=style.layer_handles(layers), loc="outside lower center", ncols=len(layers)
+    )
 
 
 def _scale_bar(axes: Axes, z: float) -> None:

@@ -8,7 +8,7 @@ from mpi4py import MPI
 
 from opticcup_fem.case import Case
 from opticcup_fem.case.checks import require_cup
-from opticcup_fem.checkpoint import Checkpoint, delete_checkpoint
+from opticcup_fem.checkpoint import Checkpoint
 from opticcup_fem.contact.report import contact_report
 from opticcup_fem.equilibrium.critical import CriticalPoint
 from opticcup_fem.equilibrium.path import PathPoint
@@ -17,11 +17,12 @@ from opticcup_fem.shell.model import Shell
 from opticcup_fem.shell.recovery import capture, gather_nodes
 from opticcup_fem.shell.tissue import Tissue
 from opticcup_fem.studies.contact import TouchWatch
+from opticcup_fem.studies.interruption import StopSignals, checkpoint_of
 from opticcup_fem.studies.model import Stepping, remarks_on, shell_of, stepping_of
-from opticcup_fem.studies.outcome import RunSummary, on_root
+from opticcup_fem.studies.outcome import RunSummary, on_root, written
 from opticcup_fem.studies.progress import Progress, sentence
 from opticcup_fem.studies.recorder import ContactNumbers, Recorder, StateNumbers
-from opticcup_fem.studies.restart import Restart, StopSignals, read_for, require_written
+from opticcup_fem.studies.restart import Restart, require_written
 
 
 def run(
@@ -57,7 +58,9 @@ def run(
     if resume and tissue is not None:
         raise CaseError("a run with layers or growth from Python is not resumed: run it again")
     progress = Progress(case.run.t_end, shown=comm.rank == 0 and not quiet)
-    saved = read_for(case, out_dir, comm) if resume else None
+    saved = checkpoint_of(case, out_dir, comm) if resume else None
+    if saved is not None and not saved.states:  # from the beginning
+        saved = None
     records = None if saved is None else saved.numbers["records"]
     remarks = remarks_on(tissue)
     recorder = on_root(comm, lambda: Recorder(case, out_dir, progress, records, remarks))
@@ -104,12 +107,8 @@ def _grow(
                     folder = str(out_dir) if restart.possible else ""
                     raise InterruptedRun(received, point.t_n, folder)
         failure = None if ended else stepping.failure()
-    summary = None
-    if recorder is not None:
-        _record_breakdown(recorder, failure)
-        summary = _summary(recorder, out_dir, failure)
-        delete_checkpoint(out_dir)
-    return comm.bcast(summary)
+    summary: RunSummary = comm.bcast(on_root(comm, lambda: _summary(recorder, out_dir, failure)))
+    return summary
 
 
 def _record(
@@ -157,9 +156,12 @@ def _record_breakdown(recorder: Recorder, failure: OpticCupError | None) -> None
         recorder.breakdown(failure.closure, failure.t_n, place)
 
 
-def _summary(recorder: Recorder, out_dir: Path, failure: OpticCupError | None) -> RunSummary:
+def _summary(recorder: Recorder | None, out_dir: Path, failure: OpticCupError | None) -> RunSummary:
     """Close the records and put the outcome in words."""
-    events = recorder.finish()
+    assert recorder is not None
+    with written(out_dir):
+        _record_breakdown(recorder, failure)
+        events = recorder.finish()
     lines = [sentence(one) for one in events]
     reached = recorder.rows[-1]["t_n"] if recorder.rows else 0.0
     if failure is not None:

@@ -21,7 +21,7 @@ from opticcup_fem.case import Case, parse_case
 from opticcup_fem.case.checks import require_cup, require_perfect
 from opticcup_fem.contact.report import contact_report
 from opticcup_fem.crossing import surface_check
-from opticcup_fem.equilibrium.path import PathPoint
+from opticcup_fem.equilibrium.path import LoadStepping, PathPoint
 from opticcup_fem.errors import CaseError
 from opticcup_fem.mesh import SurfaceMesh
 from opticcup_fem.observables import Observer
@@ -89,7 +89,9 @@ class _Cup:
     def __init__(self, case: Case, mesh: SurfaceMesh) -> None:
         self.case = case
         self.shell = Shell(mesh, sections_of(case), growth_of(case), case.material.closure)
-        self.stepping = stepping_of(case, self.shell)
+        stepping = stepping_of(case, self.shell)
+        assert isinstance(stepping, LoadStepping)  # branches do not resist contact
+        self.stepping = stepping
         self._observer: Observer | None = None
 
     def row(self, branch: str, point: PathPoint) -> Row:

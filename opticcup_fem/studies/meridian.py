@@ -13,7 +13,8 @@ import numpy as np
 
 from opticcup_fem.case import Case, case_to_toml
 from opticcup_fem.case.checks import require_perfect
-from opticcup_fem.errors import ClosureBreakdown, OpticCupError
+from opticcup_fem.checkpoint import Checkpoint
+from opticcup_fem.errors import ClosureBreakdown, InterruptedRun, OpticCupError
 from opticcup_fem.events import Event, event
 from opticcup_fem.meridian.contact import self_crossing
 from opticcup_fem.meridian.crossings import Crossing, crossings
@@ -30,8 +31,9 @@ from opticcup_fem.meridian.waves import Waves
 from opticcup_fem.records import AZIMUTHS, RunFolder
 from opticcup_fem.sampling import azimuths
 from opticcup_fem.shell.tissue import Tissue
+from opticcup_fem.studies.interruption import StopSignals, checkpoint_of
 from opticcup_fem.studies.model import remarks_on, tissue_of
-from opticcup_fem.studies.outcome import RunSummary, on_root
+from opticcup_fem.studies.outcome import RunSummary, on_root, written
 from opticcup_fem.studies.progress import Progress, sentence
 from opticcup_fem.theory.prediction import cap_curvature_of_case
 from opticcup_fem.versions import versions
@@ -77,8 +79,11 @@ def run(
     quiet: bool = False,
     comm: MPI.Comm | None = None,
     tissue: Tissue | None = None,
+    resume: bool = False,
 ) -> RunSummary:
     """Follow the path of a case from t_n = 0 to run.t_end on rank 0 (collective).
+
+    An interrupted run, which takes seconds, starts again when it is resumed.
 
     Args:
         case: The case.
@@ -86,31 +91,45 @@ def run(
         quiet: No progress bar.
         comm: MPI communicator, all ranks by default.
         tissue: Layers and growth in place of the case's; laws are functions of place and time.
+        resume: The folder holds an interrupted run of this case.
 
     Raises:
-        CaseError: The shell has an imperfection, or the folder cannot be written.
+        CaseError: The shell has an imperfection, the folder cannot be written or is in use, or
+            there is nothing to resume.
+        InterruptedRun: SIGINT or SIGTERM arrived.
+        RecordError: The records could not be written; what was written before is kept.
     """
     require_perfect(case, 'run.model = "meridian" is')
     comm = comm or MPI.COMM_WORLD
-    summary: RunSummary | None = on_root(comm, lambda: _run(case, out_dir, quiet, tissue))
+    if resume:
+        checkpoint_of(case, out_dir, comm)
+    with StopSignals(MPI.COMM_SELF) as stop:
+        summary: RunSummary | None = on_root(comm, lambda: _run(case, out_dir, quiet, stop, tissue))
     shared: RunSummary = comm.bcast(summary)
     return shared
 
 
-def _run(case: Case, out_dir: Path, quiet: bool, tissue: Tissue | None) -> RunSummary:
+def _run(
+    case: Case, out_dir: Path, quiet: bool, stop: StopSignals, tissue: Tissue | None
+) -> RunSummary:
     progress = Progress(case.run.t_end, shown=not quiet)
     recorder = MeridianRecorder(case, out_dir, remarks_on(tissue))
-    with progress.running():
-        with progress.phase("compiling kernels"):
-            path = path_of(case, tissue)
-        path.count_iterations(progress.iteration)
-        recorder.begin(path)
-        for point in path.follow(case.run.t_end, case.output.times):
-            recorder.accept(point)
-            progress.step(point.t_n)
-        failure = path.failure()
-        with progress.phase("localising events"):
-            events = recorder.finish(failure)
+    try:
+        with written(out_dir), progress.running():
+            with progress.phase("compiling kernels"):
+                path = path_of(case, tissue)
+            path.count_iterations(progress.iteration)
+            recorder.begin(path)
+            for point in path.follow(case.run.t_end, case.output.times):
+                recorder.accept(point)
+                progress.step(point.t_n)
+                if received := stop.received():
+                    raise InterruptedRun(received, point.t_n, str(out_dir))
+            failure = path.failure()
+            with progress.phase("localising events"):
+                events = recorder.finish(failure)
+    finally:
+        recorder.folder.close()
     lines = [sentence(one) for one in events if one.get("followed", True)]
     if failure is not None:
         lines.append(str(failure))
@@ -137,9 +156,9 @@ class MeridianRecorder:
             CaseError: The folder cannot be written.
         """
         self.case = case
-        self.folder = RunFolder(
-            out_dir, case_to_toml(case, {**versions(), **remarks}), overwrite=True
-        )
+        text = case_to_toml(case, {**versions(), **remarks})
+        beginning = Checkpoint(case.model_dump_json())
+        self.folder = RunFolder(out_dir, text, overwrite=True, beginning=beginning)
         self.rows: list[dict[str, Any]] = []
         self.points: list[MeridianPoint] = []
         self._recorded: list[Event] = []
@@ -230,13 +249,13 @@ class MeridianRecorder:
         self.folder.write_events(events)
         if found:
             self._write_modes(found)
-        self.folder.close()
         if self.case.output.picture and len(self.rows) > 1:
             from opticcup_fem.plots.bifurcation import bifurcation
             from opticcup_fem.plots.summary import summary
 
             summary(self.folder.path)
             bifurcation(self.folder.path)
+        self.folder.finish()
         return events
 
     def _kappa(self, t_n: float) -> float:

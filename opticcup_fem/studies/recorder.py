@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from opticcup_fem.case import Case, case_to_toml
+from opticcup_fem.checkpoint import Checkpoint
 from opticcup_fem.contact.report import ContactReport
 from opticcup_fem.contact.touch import Nearest
 from opticcup_fem.crossing import Crossing, surface_check
@@ -106,7 +107,8 @@ class Recorder:
             self._announced = set(resumed["announced"])
             self._last_sectioned = bool(resumed["last_sectioned"])
         text = case_to_toml(case, {**versions(), **(remarks or {})})
-        self.folder = RunFolder(out_dir, text, overwrite=True, resumed=written)
+        beginning = Checkpoint(case.model_dump_json())
+        self.folder = RunFolder(out_dir, text, overwrite=True, resumed=written, beginning=beginning)
         self._has_modes = written is not None and written.critical > 0
         if resumed is not None:
             self.folder.write_events(self.events())
@@ -207,12 +209,15 @@ class Recorder:
         self.recorded.append(event("closure_breakdown", closure, t_n, self._kappa(t_n), **fields))
 
     def finish(self) -> list[Event]:
-        """Write events, last sections and the picture; return the events."""
+        """Write events, last sections and the picture; return the events.
+
+        Raises:
+            OSError: There is no room for them; the run can still be resumed.
+        """
         if self._last is not None and not self._last_sectioned:
             self.folder.write_sections(self._last)
         events = self.events()
         self.folder.write_events(events)
-        self.folder.close()
         if self.case.output.picture and len(self.rows) > 1:
             from opticcup_fem.plots.summary import summary
 
@@ -221,6 +226,7 @@ class Recorder:
                 from opticcup_fem.plots.critical import critical
 
                 critical(self.folder.path)
+        self.folder.finish()
         return events
 
     def events(self) -> list[Event]:

@@ -13,13 +13,12 @@ import h5py
 import numpy as np
 import pytest
 
-from opticcup_fem.checkpoint import CHECKPOINT, read_checkpoint
+from opticcup_fem.checkpoint import CHECKPOINT, Checkpoint, read_checkpoint, write_checkpoint
 from opticcup_fem.errors import CaseError, InterruptedRun, RecordError
-from opticcup_fem.records import read_events, read_path, read_sections
-from opticcup_fem.states import States
+from opticcup_fem.records import read_events, read_path
 from opticcup_fem.studies import cup
 from tests.support.cups import coarse_case
-from tests.support.interrupted import stop_after
+from tests.support.interrupted import require_same_run, stop_after
 
 CASE = coarse_case(t_end=0.06, output={"times": [0.02, 0.06]})
 
@@ -56,25 +55,6 @@ def interrupted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
             cup.run(CASE, tmp_path, quiet=True)
     assert stopped.value.signal == signal.SIGINT
     return tmp_path
-
-
-def require_same_run(folder: Path, other: Path, tolerance: float = 1e-10) -> None:
-    """Check that two run folders hold the same run."""
-    one, two = read_path(folder), read_path(other)
-    assert list(one.columns) == list(two.columns) and len(one) == len(two)
-    difference = np.abs(one.select_dtypes("number") - two.select_dtypes("number"))
-    assert difference.max().max() <= tolerance
-    assert [e["kind"] for e in read_events(folder)] == [e["kind"] for e in read_events(other)]
-    assert [s.t_n for s in read_sections(folder)] == [s.t_n for s in read_sections(other)]
-    assert len(States(folder)) == len(States(other)) == len(one)
-    for name in ("fields.pvd", "modes.pvd"):
-        files = [run / name for run in (folder, other)]
-        assert files[0].exists() == files[1].exists()
-        if files[0].exists():
-            counts = [file.read_text().count("<DataSet") for file in files]
-            assert counts[0] == counts[1]
-    names = [sorted(p.name for p in (run / "fields").iterdir()) for run in (folder, other)]
-    assert names[0] == names[1]
 
 
 def test_resumed_run_is_the_undisturbed_one(interrupted: Path, undisturbed: Path) -> None:
@@ -114,12 +94,9 @@ def test_records_behind_the_checkpoint_are_cut_off(interrupted: Path, undisturbe
 
 
 def test_what_cannot_be_resumed_is_refused(interrupted: Path) -> None:
-    """Another case, another path, another layout, no checkpoint at all."""
+    """Another case, another layout, no checkpoint at all."""
     with pytest.raises(CaseError, match="another case"):
         cup.run(coarse_case(t_end=0.07), interrupted, quiet=True, resume=True)
-    with pytest.raises(CaseError, match=r"run\.follow"):
-        other = coarse_case(run={"follow": "axisymmetric"})
-        cup.run(other, interrupted, quiet=True, resume=True)
     with h5py.File(interrupted / CHECKPOINT, "a") as file:
         file.attrs["format"] = 99
     with pytest.raises(CaseError, match="layout 99"):
@@ -127,6 +104,15 @@ def test_what_cannot_be_resumed_is_refused(interrupted: Path) -> None:
     (interrupted / CHECKPOINT).write_bytes(b"not HDF5")
     with pytest.raises(CaseError, match="no checkpoint"):
         cup.run(CASE, interrupted, quiet=True, resume=True)
+
+
+def test_run_stopped_before_its_first_state_begins_again(tmp_path: Path, undisturbed: Path) -> None:
+    """Its folder holds a checkpoint without states, and perhaps nothing else yet."""
+    write_checkpoint(tmp_path, Checkpoint(CASE.model_dump_json()))
+    with pytest.raises(CaseError, match="another case"):
+        cup.run(coarse_case(t_end=0.07), tmp_path, quiet=True, resume=True)
+    assert cup.run(CASE, tmp_path, quiet=True, resume=True).ok
+    require_same_run(tmp_path, undisturbed)
 
 
 def test_another_mesh_is_refused(interrupted: Path) -> None:

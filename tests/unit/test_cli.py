@@ -72,7 +72,7 @@ WRONG = {
     "unknown key": (["run", CHICK, "--set", "shape.radius=3"], ["did you mean shape.radius_um?"]),
     "unknown table": (["mesh", CHICK, "--set", "mash.seed=3"], ["did you mean mesh?"]),
     "override form": (["run", CHICK, "--set", "seed"], ["table.key=value"]),
-    "negative thickness": (["run", CHICK, "--set", "material.thickness_ratio=-1"], ["above 0"]),
+    "negative thickness": (["run", CHICK, "--set", "material.thickness_ratio=-1"], ["at least"]),
     "alpha": (["theory", CHICK, "--set", "shape.opening_angle_deg=200"], ["at most 90"]),
     "beyond incompressible": (
         ["run", CHICK, "--set", "material.poisson_ratio=.51"],

@@ -28,7 +28,10 @@ DOCUMENTS = sorted(
     for path in ROOT.glob(pattern)
     if not {"_build", "_generated"} & set(path.parts)
 )
-GUIDES = [*(ROOT / "docs" / f"{n}.md" for n in ("tutorial", "python")), *sorted((ROOT / "docs" / "howto").glob("*.md"))]
+GUIDES = [
+    *(ROOT / "docs" / f"{name}.md" for name in ("tutorial", "python")),
+    *sorted((ROOT / "docs" / "howto").glob("*.md")),
+]
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 SUBCOMMANDS = tuple(str(command.callback.__name__) for command in app.registered_commands)
 LAUNCHER = ("OMPI_COMM_WORLD", "PMIX_", "PMI_")

@@ -341,17 +341,18 @@ UNCONCERNED = {
     "opticcup_fem.errors",
     "opticcup_fem.fields",
     "opticcup_fem.folder_lock",
-    "opticcup_fem.hdf5_files",
     "opticcup_fem.records",
     "opticcup_fem.reordering",  # of what is written
     "opticcup_fem.states",
     "opticcup_fem.studies",
     "opticcup_fem.studies.critical_modes",  # for pictures
+    "opticcup_fem.studies.interruption",
     "opticcup_fem.studies.outcome",
     "opticcup_fem.studies.progress",
     "opticcup_fem.studies.restart",  # a task has no earlier run to go on from
     "opticcup_fem.studies.sweep",
     "opticcup_fem.versions",
+    "opticcup_fem.whole_files",
 }
 """Modules that tasks load and that cannot change a number."""
 

@@ -10,6 +10,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize
+from matplotlib.figure import FigureBase
 from matplotlib.patches import Polygon
 
 from opticcup_fem.plots import style
@@ -35,6 +36,14 @@ def draw_shape(axes: Axes, state: State) -> None:
                 )
     axes.autoscale_view()
     style.plain_axes(axes)
+
+
+def layer_legend(figure: FigureBase) -> None:
+    """Say below a figure or a part of it which colour is which layer."""
+    layers = [layer for layers in LAYERS.values() for layer in layers]
+    figure.legend(
+        handles=style.layer_handles(layers), loc="outside lower center", ncols=len(layers)
+    )
 
 
 def draw_field(axes: Axes, state: State, name: str, norm: Normalize, colours: str) -> Any:
