@@ -1,7 +1,7 @@
 """A deep elastic cap pressed by a rigid plate: half of a sphere squeezed between two.
 
-``python3 -m tests.support.plates docs/images/plate.png 50 100`` draws forces for some R/h, whose tables
-it keeps beside the picture and reads when they are there.
+``python3 -m tests.support.plates docs/images/plate.png 50 100`` draws forces for some R/h,
+whose tables it keeps beside the picture and reads when they are there.
 """
 
 import csv
@@ -130,7 +130,7 @@ def draw(out: Path, ratios: list[float]) -> None:
     forces, gaps = figure.subplots(1, 2)
     for ratio, colour in zip(ratios, style.CURVES, strict=False):
         rows = table(out.with_name(f"{out.stem}-{ratio:g}.csv"), ratio)
-        plate, apex, force, gap, _ = np.array([astuple(row) for row in rows]).T
+        plate, _, force, gap, _ = np.array([astuple(row) for row in rows]).T
         forces.plot(plate, force, ".-", color=colour, label=f"$R/h$ = {ratio:g}")
         gaps.plot(plate, gap, ".-", color=colour, label=f"$R/h$ = {ratio:g}")
     line = np.array([0.0, 2.2])
