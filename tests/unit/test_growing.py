@@ -20,9 +20,12 @@ from opticcup_fem import (
     run,
     tissue_of,
 )
+from opticcup_fem.checkpoint import CHECKPOINT
 from opticcup_fem.equilibrium.steps import StepControl
 from opticcup_fem.mesh import open_cap_mesh
 from opticcup_fem.shell.supports import rigid_modes
+from opticcup_fem.studies.meridian import MeridianRecorder
+from opticcup_fem.studies.model import remarks_on
 from tests.support.shells import COMM, wall
 
 SHORT = {"run": {"model": "meridian", "t_end": 0.02}, "output": {"states": False, "picture": False}}
@@ -78,11 +81,15 @@ def test_a_law_from_python_gives_the_run_of_the_same_law_in_a_case(tmp_path):
 
 
 def test_a_tissue_is_not_resumed(tmp_path):
-    case = parse_case({})
-    with pytest.raises(CaseError, match="layers or growth from Python is not resumed"):
-        run(case, tmp_path, tissue=tissue_of(case), resume=True)
-    with pytest.raises(CaseError, match="meridian"):
-        run(parse_case(SHORT), tmp_path, resume=True)
+    """Nor does such a run leave anything that the case alone would be resumed from."""
+    for case in (parse_case({}), parse_case(SHORT)):
+        with pytest.raises(CaseError, match="layers or growth from Python is not resumed"):
+            run(case, tmp_path, tissue=tissue_of(case), resume=True)
+    case = parse_case(SHORT)
+    MeridianRecorder(case, tmp_path / "own", remarks_on(tissue_of(case))).folder.close()
+    assert not (tmp_path / "own" / CHECKPOINT).exists()
+    MeridianRecorder(case, tmp_path / "plain", {}).folder.close()
+    assert (tmp_path / "plain" / CHECKPOINT).exists()
 
 
 @pytest.fixture(scope="module")
