@@ -103,11 +103,23 @@ def _escaped(line: str) -> str:
 
 
 def _process(
-    _app: Any, what: str, _name: str, _object: Any, _options: Any, lines: list[str]
+    _app: Any, what: str, name: str, _object: Any, _options: Any, lines: list[str]
 ) -> None:
     plain_docstring(lines)
     if what in ("attribute", "data"):
-        lines.insert(0, "")  # else Napoleon takes what stands before a colon for the type
+        _kept[name] = list(lines)
+
+
+def _restore(
+    _app: Any, what: str, name: str, _object: Any, _options: Any, lines: list[str]
+) -> None:
+    if what in ("attribute", "data"):
+        lines[:] = _kept.pop(name)
+
+
+_kept: dict[str, list[str]] = {}
+"""Texts that Napoleon is to leave alone: of an attribute it takes what stands before a colon for
+the type."""
 
 
 def write_demo_pages() -> None:
@@ -143,5 +155,6 @@ def setup(app: Any) -> None:
     write_demo_pages()
     write_outside_pages()
     app.connect("source-read", _link_outside)
-    # before Napoleon's own handler
+    # before and after Napoleon's own handler
     app.connect("autodoc-process-docstring", _process, priority=400)
+    app.connect("autodoc-process-docstring", _restore, priority=600)
