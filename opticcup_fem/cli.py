@@ -42,7 +42,12 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-STUDIES = (cli_studies.sweep, cli_studies.reproduce, cli_studies.predict)
+STUDIES = (
+    cli_studies.sweep,
+    cli_studies.reproduce,
+    cli_studies.predict,
+    cli_studies.hysteresis,
+)
 PICTURES = (cli_pictures.movie, cli_pictures.view, cli_pictures.pair)
 for command in (*STUDIES, *PICTURES):
     app.command()(command)

@@ -1,4 +1,4 @@
-"""The commands that compute many cups: `sweep`, `reproduce`, `predict`."""
+"""The commands that compute many cups: `sweep`, `reproduce`, `predict`, `hysteresis`."""
 
 from __future__ import annotations
 
@@ -144,3 +144,37 @@ def predict(
             forecast = study.run(geometry, out, processes=processes, quiet=silent)
         if forecast is not None:
             say("\n".join([*forecast.sentences(), f"plot and table in {out}"]))
+
+
+def hysteresis(
+    case_path: Annotated[Path, typer.Argument(metavar="CASE.toml", hidden=True)],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder.")] = Path("results/hysteresis"),
+    set_: Annotated[
+        list[str],
+        typer.Option("--set", metavar="TABLE.KEY=VALUE", help="Override a key; repeatable."),
+    ] = [],
+    ratio: Annotated[
+        list[float],
+        typer.Option(metavar="R/h", help="Carry the slit there; repeatable, slender first."),
+    ] = [],
+    at: Annotated[
+        float | None, typer.Option(metavar="T", help="t_n of that; default the last output time.")
+    ] = None,
+) -> None:
+    """Follow a buckled cup back in time and to thicker shells, beside the round one.
+
+    The case must resist contact and buckle before run.t_end.
+    """
+    with errors_as_one_line():
+        with one_error_for_all_ranks():
+            from opticcup_fem.case import load_case
+
+            case = load_case(case_path, set_)
+            prepare_folder(out)
+        with abort_all_ranks_on_a_bug():
+            from opticcup_fem.studies import hysteresis as study
+
+            outcome = study.run(case, out, ratios=ratio, at=at)
+        say(outcome.message, err=not outcome.ok)
+        if not outcome.ok:
+            raise typer.Exit(FAILED_RUN)

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from opticcup_fem.equilibrium.problem import Inertia, Problem
+from opticcup_fem.equilibrium.transport import settle
 from opticcup_fem.shell.condensation import CondensedCells
 from opticcup_fem.shell.model import LostPlace, ShellState
 
@@ -34,9 +35,16 @@ NEAR_SOLUTION = 1e-5
 SMALLEST_FRACTION = 0.02
 """Newton steps are not cut below this fraction."""
 
+MOST_IDLE = 5
+"""Iterations without a smaller residual that end a solve with contact: it goes to and fro between
+pairs that touch and do not, and descent goes on better."""
+
 MOST_RENEWALS = 30
 """Solves for one state while faces and obstacles are brought up to date."""
 
+
+MOST_TURNS = 20
+"""Solves for one state while growth by mass balance is brought up to date."""
 
 WANDERING = 10.0
 """A residual this many times the smallest one before ends a solve; measured on growing cups."""
@@ -65,6 +73,8 @@ class Solution:
         iterations: Newton iterations, each one factorisation.
         residual: Final residual norm.
         lost: The fibre that allowed no step, and its place, where that was the reason.
+        best: The iterate with the smallest residual, None where none was admissible.
+        turns: Iterations among these that followed changes of growth by mass balance.
     """
 
     state: ShellState
@@ -73,6 +83,8 @@ class Solution:
     iterations: int
     residual: float
     lost: LostPlace | None = None
+    best: ShellState | None = None
+    turns: int = 0
 
 
 class MixedNewton:
@@ -135,9 +147,33 @@ class MixedNewton:
                 solution is one that can be reached from there, and no contact is evaluated on a
                 way on which nothing touches.
 
+        Where layers grow by their mass balance, growth and deformation are solved for in turn until
+        neither changes the other.
+
         Returns:
             The outcome; a failure is a value, not an exception.
+
+        Raises:
+            UnbalancedLayer: A mass balance has no solution.
         """
+        solution = self._solve_at_growth(state, drag, before)
+        spent, balanced = solution.iterations, solution
+        for _ in range(MOST_TURNS):
+            if drag is not None or not balanced.converged or not self._settle(balanced.state):
+                return replace(balanced, iterations=spent, turns=spent - solution.iterations)
+            balanced = self._solve_at_growth(balanced.state, None, before)
+            spent += balanced.iterations
+        return replace(balanced, converged=False, reason="MASS_NOT_SETTLED", iterations=spent)
+
+    def _settle(self, state: ShellState) -> bool:
+        """Solve the mass balance in a state; return whether growth changed (collective)."""
+        shell = self.problem.shell
+        return shell.balance is not None and settle(shell, state)
+
+    def _solve_at_growth(
+        self, state: ShellState, drag: Drag | None, before: ShellState | None
+    ) -> Solution:
+        """Solve for equilibrium with the growth as it is (collective)."""
         problem, contact = self.problem, self.problem.contact
         if contact is None:
             return self._solve(state, drag)
@@ -172,7 +208,9 @@ class MixedNewton:
         self._state, self._drag = state, drag
         self._cells: CondensedCells | None = None
         self._resultants, self._lost = self.problem.shell.evaluate(state)
-        self._norm = self._smallest = self._factorised_norm = np.inf
+        self._norm = self._smallest = self._factorised_norm = self._best_norm = np.inf
+        self._best: ShellState | None = None
+        self._best_iteration = 0
         self._x.array[:] = self.problem.global_values(state)
         self._start = self._x.array.copy()
         self._snes.solve(None, self._x)
@@ -185,6 +223,7 @@ class MixedNewton:
             self._snes.getIterationNumber(),
             self._norm,
             self._lost,
+            self._best,
         )
 
     def inertia(self) -> Inertia | None:
@@ -275,12 +314,15 @@ class MixedNewton:
             self.monitor(iteration, self._norm)
         if self._lost is not None or not np.isfinite(self._norm):
             return Reason.DIVERGED_FUNCTION_DOMAIN
+        if self._norm < self._best_norm:
+            self._best, self._best_norm, self._best_iteration = self._state, self._norm, iteration
         if self._norm < self.tolerance:
             return Reason.CONVERGED_FNORM_ABS
         wandering = self._norm > self.wandering * self._smallest
         if iteration >= 2:
             self._smallest = min(self._norm, self._smallest)
-        if wandering or self._norm > DIVERGED_RESIDUAL:
+        idle = self.problem.awake and iteration - self._best_iteration > MOST_IDLE
+        if wandering or idle or self._norm > DIVERGED_RESIDUAL:
             return Reason.DIVERGED_DTOL
         if iteration >= self.max_iterations:
             return Reason.DIVERGED_MAX_IT

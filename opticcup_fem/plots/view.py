@@ -119,7 +119,7 @@ def _page(playback: Playback, kept: Sequence[int]) -> str:
         for k in kept
     ]
     _arrange(figure, playback, kept)
-    text: str = figure.to_html(include_plotlyjs=True, auto_play=False, default_height="96vh")
+    text: str = figure.to_html(include_plotlyjs=True, auto_play=False, default_height="94vh")
     return text
 
 
@@ -225,6 +225,7 @@ def _marker(playback: Playback, k: int) -> "go.Scatter":
         marker={"size": 12, "color": style.CURVES[0], "line": {"color": "white", "width": 1}},
         showlegend=False,
         hoverinfo="skip",
+        cliponaxis=False,
     )
 
 

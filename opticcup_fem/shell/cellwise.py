@@ -7,10 +7,14 @@ unknowns, in its own order and seen from its own outside, is kept.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
-from opticcup_fem.shell.model import Shell, ShellState
+from opticcup_fem.shell.balance import Geometry, LayerSites, LayerStep
+from opticcup_fem.shell.model import ContactData, Shell, ShellState
 
 Array = NDArray[np.float64]
 CellArrays = dict[str, Array]
@@ -56,30 +60,102 @@ class Cellwise:
     def pack(self, state: ShellState) -> CellArrays:
         """Return a state as arrays over all cells on rank 0, {} elsewhere (collective).
 
-        Angles count about the edge run counter-clockwise round the cell.
+        Angles count about the edge run counter-clockwise round the cell.  Of contact data the
+        faces' offsets are packed, not the two numbers.
         """
         spaces, directors = self.shell.spaces, self.shell.directors
-        return self.gather(
-            {
-                "r": state.r[spaces.nodes],
-                "alpha": directors.per_cell(state.alpha) * spaces.edge_sign[:, :, None],
-                "director": directors.per_cell(state.director),
-                "kappa": state.kappa,
-                "sigma": state.sigma,
-            }
-        )
+        arrays = {
+            "r": state.r[spaces.nodes],
+            "alpha": directors.per_cell(state.alpha) * spaces.edge_sign[:, :, None],
+            "director": directors.per_cell(state.director),
+            "kappa": state.kappa,
+            "sigma": state.sigma,
+        }
+        if state.contact is not None:
+            arrays["offsets"] = state.contact.offsets[spaces.nodes]
+        return self.gather(arrays)
 
-    def unpack(self, arrays: CellArrays) -> ShellState:
-        """Return the state of arrays over all cells, which every rank has (collective)."""
+    def unpack(self, arrays: CellArrays, time: float = 0.0, touches: bool = False) -> ShellState:
+        """Return the state of arrays over all cells, which every rank has (collective).
+
+        Args:
+            arrays: What ``pack`` gave.
+            time: Normalised time of the obstacles, where there are ``offsets``.
+            touches: Whether anything touches, where there are ``offsets``.
+        """
         spaces = self.shell.spaces
         mine = {name: values[self._input] for name, values in arrays.items()}
-        r = np.zeros((spaces.n_nodes, 3))
-        r[spaces.nodes] = mine["r"]
+
+        def at_nodes(values: Array) -> Array:
+            nodal = np.zeros((spaces.n_nodes, *values.shape[2:]))
+            nodal[spaces.nodes] = values
+            return nodal
+
+        contact = None
+        if "offsets" in mine:
+            contact = ContactData(at_nodes(mine["offsets"]), time, touches)
         directors = self.shell.directors
         return ShellState(
-            r=r,
+            r=at_nodes(mine["r"]),
+            contact=contact,
             alpha=directors.from_cells(mine["alpha"] * spaces.edge_sign[:, :, None]),
             director=directors.from_cells(mine["director"]),
             kappa=mine["kappa"],
             sigma=mine["sigma"],
         )
+
+    def pack_balance(self) -> CellArrays:
+        """Return what is known of the mass balance as arrays over all cells on rank 0 (collective).
+
+        Cells without a layer hold ones.
+        """
+        balance = self.shell.balance
+        if balance is None:
+            return {}
+        n, arrays = self.shell.spaces.n_cells, {}
+        for name, layer in balance.layers.items():
+            sites = layer.sites
+
+            def spread(values: Array, sites: LayerSites = sites) -> Array:
+                whole: Array = np.ones((n, sites.n_points, *values.shape[1:]))
+                whole[sites.cells] = values.reshape(-1, sites.n_points, *values.shape[1:])
+                return whole
+
+            arrays[f"{name}.mass"] = spread(balance.mass[name])
+            arrays[f"{name}.stretch"] = spread(balance.geometry[name].stretch)
+            arrays[f"{name}.thickness"] = spread(balance.geometry[name].thickness)
+            for k, steps in enumerate(balance.past):
+                arrays[f"{name}.past{k}"] = spread(np.moveaxis(steps[name].mass, 0, -1))
+        return self.gather(arrays)
+
+    def unpack_balance(
+        self, arrays: CellArrays, t_n: float, steps: Sequence[Mapping[str, Any]]
+    ) -> None:
+        """Restore the mass balance from arrays that every rank has.
+
+        Args:
+            arrays: As ``pack_balance`` returned them.
+            t_n: Time up to which growth is known.
+            steps: Start and end of the last steps, and by layer their total and error.
+        """
+        balance = self.shell.balance
+        if balance is None:
+            return
+        balance.past = [{} for _ in steps]
+        geometry = {}
+        for name, layer in balance.layers.items():
+
+            def mine(what: str, name: str = name, cells: Any = layer.sites.cells) -> Array:
+                values: Array = arrays[f"{name}.{what}"][self._input][cells]
+                return values.reshape(-1, *values.shape[2:])
+
+            balance.mass[name] = mine("mass")
+            geometry[name] = Geometry(mine("stretch"), mine("thickness"))
+            for k, step in enumerate(steps):
+                mass = np.moveaxis(mine(f"past{k}"), -1, 0)
+                total, error = step["layers"][name]
+                balance.past[k][name] = LayerStep(
+                    step["start"], step["end"], mass, None, total, error
+                )
+        balance.geometry, balance.t_n = geometry, t_n
+        balance.forget()

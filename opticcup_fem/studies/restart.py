@@ -17,34 +17,11 @@ from opticcup_fem.shell.cellwise import Cellwise
 from opticcup_fem.shell.model import Shell, ShellState
 from opticcup_fem.shell.recovery import capture
 from opticcup_fem.studies.contact import TouchWatch
-from opticcup_fem.studies.interruption import checkpoint_of
 from opticcup_fem.studies.model import Stepping
 from opticcup_fem.studies.recorder import Recorder
 
 Present = SteppingState | BranchState
 """All that a path beyond an accepted point depends on."""
-
-
-def resumable(case: Case) -> bool:
-    """Return whether a checkpoint holds all that a run depends on.
-
-    Contact that is resisted has data of its own.
-    """
-    return case.contact.mode != "resist"
-
-
-def read_for(case: Case, folder: Path, comm: MPI.Comm) -> Checkpoint:
-    """Return the checkpoint of a case's run on every rank (collective).
-
-    Raises:
-        CaseError: There is none that can be used for this case.
-    """
-    if not resumable(case):
-        raise CaseError(
-            f'{folder}: a run with contact.mode = "{case.contact.mode}" cannot be resumed: run '
-            "its case again"
-        )
-    return checkpoint_of(case, folder, comm)
 
 
 class Restart:
@@ -59,7 +36,7 @@ class Restart:
         self._case, self._folder, self._shell, self._stepping = case, folder, shell, stepping
         self._cellwise = Cellwise(shell)
         self._saved: Present | None = None
-        self.possible = resumable(case)
+        self.possible = True
 
     def follow(
         self, saved: Checkpoint | None, recorder: Recorder | None, watch: TouchWatch | None
@@ -69,7 +46,7 @@ class Restart:
         Args:
             saved: The checkpoint, None for a run from its beginning.
             recorder: The records, on rank 0.
-            watch: Looks for contact.
+            watch: Looks for the first touch, if one is looked for.
 
         Raises:
             CaseError: The checkpoint belongs to another mesh.
@@ -86,7 +63,7 @@ class Restart:
             if resumed is not None:
                 recorder.continue_from(snapshot)
         if resumed is not None and watch is not None:
-            watch.see(resumed.point, snapshot)
+            watch.begin(resumed.point, snapshot)
         if isinstance(stepping, BranchStepping):
             return stepping.follow(first, run.t_end, times, resumed=resumed)
         assert not isinstance(resumed, BranchState)
@@ -99,11 +76,13 @@ class Restart:
             return
         self._saved = present
         states = tuple(self._cellwise.pack(state) for state in _states(present))
+        balance = self._cellwise.pack_balance()
         if recorder is not None and recorder.failed is None:
             numbers = {**_numbers(present), "records": recorder.present()}
+            numbers |= _balance_numbers(self._shell)
             case, corners = self._case.model_dump_json(), self._cellwise.corners
             with recorder.noting_failures():
-                write_checkpoint(self._folder, Checkpoint(case, numbers, states, corners))
+                write_checkpoint(self._folder, Checkpoint(case, numbers, states, corners, balance))
 
     def _restored(self, saved: Checkpoint) -> Present:
         """Return what the path goes on from (collective)."""
@@ -113,7 +92,13 @@ class Restart:
                 "so its run cannot be resumed: run the case again"
             )
         numbers = saved.numbers
-        states = [self._cellwise.unpack(dict(arrays)) for arrays in saved.states]
+        if self._shell.balance is not None:
+            known = numbers["balance"]
+            self._cellwise.unpack_balance(dict(saved.balance), known["t_n"], known["steps"])
+        states = [
+            self._cellwise.unpack(dict(arrays), **contact)
+            for arrays, contact in zip(saved.states, numbers["contact"], strict=True)
+        ]
         if "arc" in numbers:
             state, along, *before = states
             return BranchState(
@@ -152,12 +137,32 @@ def _numbers(present: Present) -> dict[str, Any]:
     numbers: dict[str, Any] = {
         "point": {name: getattr(point, name) for name in names},
         "accepted": present.accepted,
+        "contact": [_contact_numbers(state) for state in _states(present)],
     }
     if isinstance(present, BranchState):
         arcs = {"arc": present.numbers, "arc_before": present.numbers_before}
         return {**numbers, **arcs, "count": present.count}
     times = [t_n for t_n, _ in present.states]
     return {**numbers, "dt": present.dt, "times": times, "blocked": present.blocked}
+
+
+def _contact_numbers(state: ShellState) -> dict[str, Any]:
+    """Return the numbers of a state's contact data, {} where it has none."""
+    data = state.contact
+    return {} if data is None else {"time": data.time, "touches": data.touches}
+
+
+def _balance_numbers(shell: Shell) -> dict[str, Any]:
+    """Return the numbers of the mass balance that belong to ``Cellwise.pack_balance``."""
+    balance = shell.balance
+    if balance is None:
+        return {}
+    steps = []
+    for by_layer in balance.past:
+        one = next(iter(by_layer.values()))
+        layers = {name: (step.total, step.error) for name, step in by_layer.items()}
+        steps.append({"start": one.start, "end": one.end, "layers": layers})
+    return {"balance": {"t_n": balance.t_n, "steps": steps}}
 
 
 def require_written(

@@ -3,6 +3,7 @@
 import os
 import random
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -16,8 +17,8 @@ import pytest
 from opticcup_fem.checkpoint import CHECKPOINT, Checkpoint, read_checkpoint, write_checkpoint
 from opticcup_fem.errors import CaseError, InterruptedRun, RecordError
 from opticcup_fem.records import read_events, read_path
-from opticcup_fem.studies import cup
-from tests.support.cups import coarse_case
+from opticcup_fem.studies import cup, interruption
+from tests.support.cups import BETWEEN_PLATES, coarse_case
 from tests.support.interrupted import require_same_run, stop_after
 
 CASE = coarse_case(t_end=0.06, output={"times": [0.02, 0.06]})
@@ -52,6 +53,22 @@ def test_resumed_run_is_the_undisturbed_one(interrupted: Path, undisturbed: Path
     assert not (interrupted / CHECKPOINT).exists()
     with pytest.raises(CaseError, match="nothing to resume: its run is finished"):
         cup.run(CASE, interrupted, quiet=True, resume=True)
+
+
+def test_contact_is_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Faces and obstacles as they were kept fixed, not as they would be found again."""
+    assert cup.run(BETWEEN_PLATES, tmp_path / "undisturbed", quiet=True).ok
+    forces = read_path(tmp_path / "undisturbed").contact_force
+    before = int(np.argmax(forces > 0)) + 1
+    assert 1 < before < len(forces) - 1
+    for states in (before - 1, before):
+        folder = tmp_path / str(states)
+        with monkeypatch.context() as patch:
+            stop_after(states, patch)
+            with pytest.raises(InterruptedRun, match="--resume"):
+                cup.run(BETWEEN_PLATES, folder, quiet=True)
+        assert cup.run(BETWEEN_PLATES, folder, quiet=True, resume=True).ok
+        require_same_run(folder, tmp_path / "undisturbed")
 
 
 def test_records_behind_the_checkpoint_are_cut_off(interrupted: Path, undisturbed: Path) -> None:
@@ -202,3 +219,52 @@ def test_interrupted_before_and_behind_a_bifurcation(
         ):
             for name in one.files:
                 assert one[name].shape == other[name].shape
+
+
+FOLLOWED = {
+    "axisymmetric": (2, 4),
+    "branch": (2, 16),
+}
+"""How many states before and behind the bifurcation a run is stopped; a chart has 12 states."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("follow", FOLLOWED)
+def test_other_paths_resume_too(
+    follow: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Copies of an unfinished run, made before and behind the loss of symmetry, end like it."""
+    case = coarse_case(
+        15.0,
+        0.36,
+        run={"follow": follow},
+        solver={"max_step": 0.05},
+        output={"times": [0.1], "fields": False},
+    )
+    folder, before, behind = tmp_path / "run", *FOLLOWED[follow]
+    copies: list[Path] = []
+
+    def received(self: object) -> int:
+        kinds = [one["kind"] for one in read_events(folder)]
+        rows = len(read_path(folder))
+        if "symmetry_breaking" not in kinds:
+            if read_path(folder).t_n.iloc[-1] > 0.2:
+                copies[:] = [Path(shutil.copytree(folder, tmp_path / f"stopped{rows}"))]
+        else:
+            copies.append(Path(shutil.copytree(folder, tmp_path / f"stopped{rows}")))
+        return signal.SIGINT if len(copies) > behind else 0
+
+    monkeypatch.setattr(interruption.StopSignals, "received", received)
+    with pytest.raises(InterruptedRun):
+        cup.run(case, folder, quiet=True)
+    rows = len(read_path(folder))
+    for copy in (copies[0], copies[before], copies[-2]):
+        (copy / ".lock").unlink()
+        monkeypatch.setattr(
+            interruption.StopSignals,
+            "received",
+            lambda self, copy=copy: signal.SIGINT if len(read_path(copy)) >= rows else 0,
+        )
+        with pytest.raises(InterruptedRun):
+            cup.run(case, copy, quiet=True, resume=True)
+        require_same_run(copy, folder)

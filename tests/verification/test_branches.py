@@ -1,7 +1,8 @@
 """Cups that are stable to small disturbances and not to finite ones: slits beside round cups.
 
 Below the bifurcation at theta_b the m = 2 slit exists beside the axisymmetric cup.  It is reached
-from a slenderer cup, whose axisymmetric state is unstable, by making the shell thicker.
+from a slenderer cup, whose axisymmetric state is unstable, by making the shell thicker.  Above it
+the branch of slits is followed from the bifurcation by arc length.
 """
 
 from __future__ import annotations
@@ -18,11 +19,17 @@ from opticcup_fem.shell.recovery import capture
 from opticcup_fem.studies.coexistence import cup_of
 from opticcup_fem.studies.model import shell_of, stepping_of
 
+pytestmark = pytest.mark.slow
+
 T_N = 0.31
-SIZES = {"cell_size_cap": 0.33, "cell_size_interface": 0.12, "cell_size_oov": 0.3}
+MESH = {
+    "cell_size_cap": 0.33,
+    "cell_size_interface": 0.12,
+    "cell_size_oov": 0.3,
+    "symmetry": 4,
+}
 
 
-@pytest.mark.slow
 def test_slit_beside_the_stable_axisymmetric_cup() -> None:
     """R/h = 13, t_n = .31: both cups are stable, the slit is the lower one, and opens at a fold.
 
@@ -30,7 +37,7 @@ def test_slit_beside_the_stable_axisymmetric_cup() -> None:
     exists beside the axisymmetric cup.  Numbers of this coarse mesh; finer ones are in
     docs/stability.md.
     """
-    case = parse_case({"mesh": dict(SIZES) | {"symmetry": 4}})
+    case = parse_case({"mesh": MESH})
     slender = cup_of(case, 15.0)
     state = slender.towards_slit(slender.grown([0.27])[0.27].state, 0.27)
     for ratio in (15.0, 14.0, 13.5, 13.0):
@@ -49,7 +56,6 @@ def test_slit_beside_the_stable_axisymmetric_cup() -> None:
     assert end.t_n == pytest.approx(0.3707, abs=5e-4)
 
 
-@pytest.mark.slow
 def test_branch_of_the_slit_is_subcritical_and_regains_stability() -> None:
     """R/h = 15: the m = 2 branch goes back in t_n from its bifurcation, unstable, turns, touches.
 
@@ -58,7 +64,7 @@ def test_branch_of_the_slit_is_subcritical_and_regains_stability() -> None:
     case = parse_case(
         {
             "shape": {"radius_over_thickness": 15.0},
-            "mesh": dict(SIZES) | {"symmetry": 4},
+            "mesh": MESH,
             "run": {"follow": "branch", "t_end": 0.4},
         }
     )
