@@ -65,7 +65,7 @@ def test_slits_of_equal_energy_give_a_boundary(report):
     assert f"{np.radians(40) * np.sqrt(12.75):.4g}" in line and "12.75" in line
     summary = pd.read_csv(report.parent / "coexistence_summary.csv")
     assert list(summary["t_n"]) == [0.31, 0.34, 0.37]
-    assert set(summary["slit found down to R/h"]) == {12.25}
+    assert set(summary["slit found down to R/h"]) == {12.0}
 
 
 @pytest.mark.parametrize(

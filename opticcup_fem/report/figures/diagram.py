@@ -56,8 +56,18 @@ def draw_diagram(
     alpha_deg: float,
     ours: ScalingCoefficients | None,
     paper: bool = True,
+    boundary: float | None = None,
 ) -> None:
-    """Draw one angle's phase diagram: regions between our points, events, laws."""
+    """Draw one angle's phase diagram: regions between our points, events, laws.
+
+    Args:
+        axes: Where.
+        rows: Cups of one opening angle.
+        alpha_deg: The angle in degrees.
+        ours: Coefficients of the laws fitted here.
+        paper: Whether the laws are drawn with the paper's coefficients, too.
+        boundary: theta_bar from which cups are abnormal, half-way between two cups by default.
+    """
     rows = sorted((r for r in rows if r["kappa_1"] is not None), key=lambda r: r["theta_bar"])
     theta = np.array([r["theta_bar"] for r in rows], float)
     top = 1.08 * max([float(r[f"kappa_{s}"] or 0) for r in rows for s in ("1", "2", "b")])
@@ -65,6 +75,10 @@ def draw_diagram(
     second = np.array([_second_kappa(r, top) for r in rows], float)
     fates = [regime(r) for r in rows]
     edges = np.concatenate([[theta[0]], (theta[1:] + theta[:-1]) / 2, [theta[-1]]])
+    for i in range(1, len(fates)):
+        turns = fates[i] == "abnormal" and fates[i - 1] != "abnormal"
+        if boundary is not None and turns and theta[i - 1] <= boundary <= theta[i]:
+            edges[i] = boundary
     for i, fate in enumerate(fates):
         x = np.array([edges[i], theta[i], edges[i + 1]])
         # a boundary runs on between neighbours of one regime and ends between two
@@ -125,6 +139,12 @@ def _theta(bracket: Bracket, alpha_deg: float) -> tuple[float, float]:
     return (low + high) / 2, (high - low) / 2
 
 
+def _boundary(results: Results, alpha_deg: float) -> float | None:
+    """Return theta_b of an angle by bisection, None where it was not bracketed."""
+    bracket = results.transitions.get(f"theta_b {alpha_deg:g}")
+    return None if bracket is None else _theta(bracket, alpha_deg)[0]
+
+
 def phase_figure(results: Results) -> Drawn:
     """Draw Fig. 4: (a) at 40 degrees, (b) for 30 to 50 degrees, and theta_b over alpha."""
     rows = results.rows("slenderness") + results.rows("angles")
@@ -135,7 +155,9 @@ def phase_figure(results: Results) -> Drawn:
     figure = Figure(figsize=(11.0, 11.5), layout="constrained")
     upper, lower = figure.subfigures(2, 1, height_ratios=(1.0, 1.35))
     left, right = upper.subplots(1, 2, width_ratios=(1.45, 1.0))
-    draw_diagram(left, by_angle[40.0], 40.0, fits[40.0].coefficients)
+    bounds = {a: _boundary(results, a) for a in angles}
+    ours = fits[40.0].coefficients
+    draw_diagram(left, by_angle[40.0], 40.0, ours, boundary=bounds[40.0])
     labelled(left, THETA, KAPPA, "a")
     left.grid(False)
     left.text(0.98, 0.03, r"$\alpha = 40°$", transform=left.transAxes, ha="right")
@@ -145,7 +167,7 @@ def phase_figure(results: Results) -> Drawn:
     others = [a for a in angles if a != 40.0]
     for axes, angle in zip(lower.subplots(2, 2).ravel(), others, strict=True):
         ours = fits[angle].coefficients or together.coefficients
-        draw_diagram(axes, by_angle[angle], angle, ours)
+        draw_diagram(axes, by_angle[angle], angle, ours, boundary=bounds[angle])
         labelled(axes, THETA, KAPPA)
         axes.grid(False)
         axes.set_title(rf"(b)  $\alpha = {angle:g}°$", loc="left")
