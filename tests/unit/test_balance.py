@@ -144,14 +144,14 @@ def test_mass_is_kept_through_a_jump(model, request):
     z = sphere.x[:, 2]
     skew = 0.5 * np.sqrt(sites.area_ref)[:, None] * np.stack([z, -z, z * z], axis=1)
     torn = Geometry(2 * sphere.start.stretch + skew, 0.8 + 0.5 * z)
-    sphere.balance.commit(1e-4, {"wall": torn})
+    sphere.balance.commit(0.02, {"wall": torn})
     step = sphere.balance.past[-1]["wall"]
     assert step.error < 1e-12
     U = torn.stretch
     present = (U[:, 0] * U[:, 1] - U[:, 2] ** 2) / sites.area_ref * torn.thickness
     rho = layer._at_points(step.nodal[1])
     assert sites.total(rho * present) == pytest.approx(before, rel=1e-12)
-    assert np.abs(sphere.balance.mass["wall"] - 1 - wave).max() > 1e-4
+    assert np.abs(sphere.balance.mass["wall"] - 1 - wave).max() > 1e-3
 
 
 def test_source_that_takes_all_mass_is_reported_with_its_place():
@@ -184,7 +184,7 @@ def test_a_trial_is_not_the_past(meridian):
         turns += 1
     assert turns <= 2
     settled = balance.mass_at("wall", 0.1)
-    assert np.abs(settled - trial).max() > 1e-4
+    assert np.abs(settled - trial).max() > 1e-3
     np.testing.assert_array_equal(balance.mass_at("wall", 0.0), start)
     balance.forget()
     np.testing.assert_allclose(balance.mass_at("wall", 0.1), trial, rtol=1e-12)

@@ -1,7 +1,7 @@
 """Growth, swelling and heating of free shells by mass balance, against (S17) and (S18).
 
-A monolayer sphere takes the natural stretch e whatever its stimulus, and keeps in its stress whether
-mass was added; a bilayer bends by a natural curvature that depends on it.
+A monolayer sphere takes the natural stretch e whatever its stimulus, and keeps in its stress
+whether mass was added; a bilayer bends by a natural curvature that depends on it.
 """
 
 from __future__ import annotations
