@@ -1,8 +1,10 @@
 # shellcheck shell=bash
-# docker/run elsewhere: a Debian 13 root filesystem, made with mmdebstrap, entered with bubblewrap.
+# docker/run elsewhere: a Debian root filesystem, made with mmdebstrap, entered with bubblewrap.
 # shellcheck disable=SC2154  # project, recipe, cache and partial are set by its other files
 
-readonly suite=trixie
+readonly suite=${OPTICCUP_SUITE:-trixie}
+# Debian 13's parts are named as ever; those of another suite say of which.
+case $suite in trixie) readonly flavour= ;; *) readonly flavour=$suite- ;; esac
 readonly venv_inside=/opticcup-venv # the same path for every venv, so that one can be renamed
 readonly free_gigabytes=6
 
@@ -58,6 +60,8 @@ mmdebstrap_steps() {
         --dpkgopt=path-exclude='/usr/share/man/*' --dpkgopt=path-exclude='/usr/share/locale/*'
         --dpkgopt=path-exclude='/usr/share/info/*'
     )
+    # The lists of a suite in motion are valid for a week only, and a mirror may lag.
+    [ "$suite" = trixie ] || options+=('--aptopt=Acquire::Check-Valid-Until "false"')
     discard "$partial/rootfs"
     mkdir "$partial/rootfs"
     if [ "$EUID" = 0 ]; then
@@ -80,7 +84,7 @@ host_mirror() {
 }
 
 make_rootfs() {
-    say "making a Debian 13 root filesystem in $rootfs, once: 2 to 5 minutes, 3.3 GB."
+    say "making a Debian root filesystem ($suite) in $rootfs, once: 2 to 5 minutes, 3.3 GB."
     logged mmdebstrap_steps "${OPTICCUP_MIRROR:-}" ||
         { [ -z "${OPTICCUP_MIRROR:-}" ] && logged mmdebstrap_steps "$(host_mirror)"; } ||
         fail_setup "mmdebstrap could not make the root filesystem"
@@ -90,12 +94,13 @@ make_rootfs() {
 }
 
 make_venv() {
-    say "installing the pinned Python packages of docker/requirements.txt."
+    say "installing the pinned Python packages of docker/requirements*.txt."
     mkdir "$partial/venv"
     if ! logged enter --bind "$partial/venv" python3 -m venv --system-site-packages "$venv_inside" ||
         ! logged enter --bind "$partial/venv" \
-            python3 -m pip install -r "$project/docker/requirements.txt"; then
-        fail_setup "pip could not install docker/requirements.txt"
+            python3 -m pip install -r "$project/docker/requirements.txt" \
+            -r "$project/docker/requirements-docs.txt"; then
+        fail_setup "pip could not install what docker/requirements*.txt list"
     fi
     write_command "$partial/venv" "$venv_inside"
     logged enter --ro-bind "$partial/venv" \
@@ -112,8 +117,8 @@ make_environment() {
     begin_setup
     [ -d "$rootfs" ] || make_rootfs
     [ -d "$venv" ] || make_venv
-    prune rootfs
-    prune venv
+    prune "${flavour}rootfs"
+    prune "${flavour}venv"
     end_setup
 }
 
@@ -175,7 +180,7 @@ set_variables() {
     variables=(
         --setenv OPTICCUP_INSIDE 1
         --setenv PATH "$venv_inside/bin:/usr/local/bin:/usr/bin:/bin:/usr/sbin:/sbin"
-        --setenv HOME "$cache/home" --setenv USER "${USER:-$(id -un)}" --setenv LANG C.UTF-8
+        --setenv HOME "$cache/${flavour}home" --setenv USER "${USER:-$(id -un)}" --setenv LANG C.UTF-8
         --setenv PYTHONPATH "$project" --setenv OMP_NUM_THREADS "${OMP_NUM_THREADS:-1}"
         --setenv MPLBACKEND Agg --setenv PYVISTA_OFF_SCREEN true
         # Open MPI: root may, shared memory is the only network, more processes than cores are
@@ -213,9 +218,14 @@ enter() {
 
 run_in_debian() {
     local name
+    case $suite in
+        trixie | sid) ;;
+        *) die "OPTICCUP_SUITE is \"$suite\", and must be trixie (Debian 13) or sid." ;;
+    esac
+    mkdir -p "$cache/${flavour}home"
     name=$(debian_packages | cat - <(echo "$recipe $suite") | fingerprint)
-    rootfs=$cache/rootfs-$name
-    venv=$cache/venv-$(cat - "$project/docker/requirements.txt" <<<"$name" | fingerprint)
+    rootfs=$cache/${flavour}rootfs-$name
+    venv=$cache/${flavour}venv-$(cat - "$project"/docker/requirements*.txt <<<"$name" | fingerprint)
     hold "${rootfs##*/}"
     hold "${venv##*/}"
     if [ ! -d "$rootfs" ] || [ ! -d "$venv" ]; then

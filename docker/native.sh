@@ -46,7 +46,8 @@ for folder in site.getsitepackages():
     print(f"import site; site.addsitedir({folder!r})")' >"$partial/parent.pth" &&
     cp "$partial/parent.pth" "$("$1/bin/python3" -c 'import site; print(site.getsitepackages()[0])')" &&
     "$1/bin/python3" -c "$missing_dependencies" "$project/pyproject.toml" >"$partial/needed.txt" &&
-    "$1/bin/python3" -m pip install -r "$project/docker/requirements.txt" -r "$partial/needed.txt"
+    "$1/bin/python3" -m pip install -r "$project/docker/requirements.txt" \
+        -r "$project/docker/requirements-docs.txt" -r "$partial/needed.txt"
 }
 
 # What is there is left alone: asked for all, pip would add the vtk that Debian's pyvista, in its
@@ -70,7 +71,7 @@ print(*(line for line in lines if missing(Requirement(line))), sep="\n")
 run_native() {
     local identity=$1 name venv
     shift
-    name=native-$(cat - "$project/docker/requirements.txt" "$project/pyproject.toml" \
+    name=native-$(cat - "$project"/docker/requirements*.txt "$project/pyproject.toml" \
         <<<"$recipe $identity" | fingerprint)
     # A virtual environment cannot be renamed here, so that a file tells that it is whole.
     venv=$cache/$name

@@ -6,7 +6,31 @@ Public names load lazily, so that `import opticcup_fem` and the theory need NumP
 from __future__ import annotations
 
 import importlib
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from opticcup_fem import theory
+    from opticcup_fem.case import Case, load_case, parse_case, write_case
+    from opticcup_fem.equilibrium.growing import grow
+    from opticcup_fem.errors import (
+        CaseError,
+        ClosureBreakdown,
+        ConvergenceError,
+        InterruptedRun,
+        MeshError,
+        OpticCupError,
+        RecordError,
+    )
+    from opticcup_fem.fields import write_fields
+    from opticcup_fem.records import read_events, read_path
+    from opticcup_fem.shell.fibres import GrowthState
+    from opticcup_fem.shell.growth import FieldGrowth, LinearGrowth
+    from opticcup_fem.shell.model import Shell
+    from opticcup_fem.shell.recovery import capture
+    from opticcup_fem.shell.section import Layer, Section
+    from opticcup_fem.shell.tissue import Tissue
+    from opticcup_fem.studies.model import tissue_of
+    from opticcup_fem.studies.run import run
 
 __version__ = "0.1.0"
 
@@ -22,10 +46,52 @@ _PUBLIC = {
     "MeshError": "errors",
     "OpticCupError": "errors",
     "RecordError": "errors",
+    "run": "studies.run",
+    "read_events": "records",
+    "read_path": "records",
+    "Tissue": "shell.tissue",
+    "tissue_of": "studies.model",
+    "Layer": "shell.section",
+    "Section": "shell.section",
+    "GrowthState": "shell.fibres",
+    "FieldGrowth": "shell.growth",
+    "LinearGrowth": "shell.growth",
+    "Shell": "shell.model",
+    "grow": "equilibrium.growing",
+    "capture": "shell.recovery",
+    "write_fields": "fields",
 }
 _MODULES = ("theory",)
 
-__all__ = ["__version__", *_PUBLIC, *_MODULES]
+__all__ = [
+    "Case",
+    "CaseError",
+    "ClosureBreakdown",
+    "ConvergenceError",
+    "FieldGrowth",
+    "GrowthState",
+    "InterruptedRun",
+    "Layer",
+    "LinearGrowth",
+    "MeshError",
+    "OpticCupError",
+    "RecordError",
+    "Section",
+    "Shell",
+    "Tissue",
+    "__version__",
+    "capture",
+    "grow",
+    "load_case",
+    "parse_case",
+    "read_events",
+    "read_path",
+    "run",
+    "theory",
+    "tissue_of",
+    "write_case",
+    "write_fields",
+]
 
 
 def __getattr__(name: str) -> Any:

@@ -1,6 +1,7 @@
 """The file from which an interrupted run goes on: ``checkpoint.h5`` in its folder.
 
-It is written whole under another name and then takes the place of the one before, so that whatever
+A folder has one from the first thing that its run writes there until the run is finished.  It is
+written whole under another name and then takes the place of the one before, so that whatever
 ends a run leaves a checkpoint that can be read.
 """
 
@@ -17,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from opticcup_fem.errors import CaseError
-from opticcup_fem.hdf5_files import new_file
+from opticcup_fem.whole_files import new_hdf5
 
 CHECKPOINT = "checkpoint.h5"
 FORMAT = 2
@@ -31,15 +32,15 @@ class Checkpoint:
     Attributes:
         case: The case, as JSON.
         numbers: Numbers and records, as JSON knows them.
-        states: Arrays of each state, the last one last.
+        states: Arrays of each state; none for a run that goes on from its beginning.
         corners: Vertices of the mesh's cells, shape (n, 3, 3), to which the arrays belong.
         balance: Arrays of the mass balance, none where there is none.
     """
 
     case: str
-    numbers: Mapping[str, Any]
-    states: tuple[Mapping[str, NDArray[np.float64]], ...]
-    corners: NDArray[np.float64]
+    numbers: Mapping[str, Any] = field(default_factory=dict)
+    states: tuple[Mapping[str, NDArray[np.float64]], ...] = ()
+    corners: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 3, 3)))
     balance: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
 
 
@@ -49,7 +50,7 @@ def write_checkpoint(folder: Path, checkpoint: Checkpoint) -> None:
     Raises:
         OSError: The file cannot be written; the one before is still there.
     """
-    with new_file(folder / CHECKPOINT) as file:
+    with new_hdf5(folder / CHECKPOINT) as file:
         file.attrs["format"] = FORMAT
         file["case"] = checkpoint.case
         file["numbers"] = json.dumps(checkpoint.numbers, default=plain)
@@ -72,7 +73,7 @@ def read_checkpoint(folder: Path) -> Checkpoint:
     if not path.exists():
         raise CaseError(
             f"{folder} has no {CHECKPOINT}, so there is nothing to resume: its run is finished, or "
-            "was stopped before its first state, or is of a kind that is not resumed; run its case"
+            "never began"
         )
     try:
         with h5py.File(path, "r") as file:
@@ -82,7 +83,7 @@ def read_checkpoint(folder: Path) -> Checkpoint:
                     f"{path} is of layout {found}, and this version resumes layout {FORMAT} only: "
                     "resume it with the version named in case.toml, or run the case again"
                 )
-            states = file["states"]
+            states = file.get("states", {})
             return Checkpoint(
                 case=file["case"].asstr()[()],
                 numbers=json.loads(file["numbers"].asstr()[()]),

@@ -5,9 +5,10 @@ Nothing heavy is imported at the top: `--help` must answer at once.
 
 from __future__ import annotations
 
+import json
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -30,7 +31,6 @@ from opticcup_fem.errors import CaseError
 
 if TYPE_CHECKING:
     from opticcup_fem.case import Case
-    from opticcup_fem.studies.outcome import RunSummary
 
 app = typer.Typer(
     name="opticcup",
@@ -42,7 +42,12 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-STUDIES = (cli_studies.sweep, cli_studies.reproduce, cli_studies.predict)
+STUDIES = (
+    cli_studies.sweep,
+    cli_studies.reproduce,
+    cli_studies.predict,
+    cli_studies.hysteresis,
+)
 PICTURES = (cli_pictures.movie, cli_pictures.view, cli_pictures.pair)
 for command in (*STUDIES, *PICTURES):
     app.command()(command)
@@ -126,9 +131,10 @@ def run(
                 case = _load(case_path, overrides)
             prepare_folder(folder)
         with abort_all_ranks_on_a_bug():
-            grow = _study(case.run.model)
-            options = {"resume": True} if resume is not None else {}
-            summary = grow(case, folder, quiet=quiet or not sys.stderr.isatty(), **options)
+            from opticcup_fem.studies.run import run as grow
+
+            hushed = quiet or not sys.stderr.isatty()
+            summary = grow(case, folder, quiet=hushed, resume=resume is not None)
         say(summary.message, err=not summary.ok)
         if not summary.ok:
             raise typer.Exit(FAILED_RUN)
@@ -209,36 +215,29 @@ def mesh(
         say(f"{path}: {report}")
 
 
-def _study(model: str) -> Callable[..., RunSummary]:
-    """Return what grows a cup on the discretisation ``run.model``."""
-    if model == "meridian":
-        from opticcup_fem.studies import meridian
-
-        return meridian.run
-    from opticcup_fem.studies import cup
-
-    return cup.run
-
-
 def _case_to_resume(
     folder: Path, case_path: Path | None, out: Path | None, overrides: Sequence[str]
 ) -> Case:
     """Return the case of an interrupted run; whatever else was given must agree with it."""
+    from opticcup_fem.case import parse_case
+    from opticcup_fem.checkpoint import CHECKPOINT, read_checkpoint
     from opticcup_fem.records import CASE
 
     if out is not None and out != folder:
         raise CaseError(f"--resume {folder} writes there: leave --out {out} away")
-    if not (folder / CASE).is_file():
+    if not any((folder / name).is_file() for name in (CASE, CHECKPOINT)):
         raise CaseError(f"{folder} holds no run to resume: there is no {CASE} in it")
-    case = _load(folder / CASE, [])
-    if (case_path or overrides) and _load(case_path or folder / CASE, overrides) != case:
+    case = parse_case(json.loads(read_checkpoint(folder).case), str(folder / CHECKPOINT))
+    written = folder / CASE  # not there yet if the run was killed at once
+    if written.exists() and _load(written, []) != case:
+        raise CaseError(
+            f"{written} has been changed since the run began: change it back, or run it as a case "
+            "in another folder"
+        )
+    if (case_path or overrides) and _load(case_path or written, overrides) != case:
         raise CaseError(
             f"{folder} holds the run of another case: resume it with --resume alone, or run this "
             "case in another folder"
-        )
-    if case.run.model != "surface":
-        raise CaseError(
-            f'{folder}: runs with run.model = "{case.run.model}" are not resumed: run its case'
         )
     return case
 

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from opticcup_fem.cli_tools import errors_as_one_line, rank, say
+from opticcup_fem.cli_tools import abort_all_ranks_on_a_bug, errors_as_one_line, rank, say
 from opticcup_fem.errors import CaseError
 
 RunPath = Annotated[Path, typer.Argument(metavar="RUN", help="Run folder.", show_default=False)]
@@ -17,6 +17,7 @@ RunPaths = Annotated[
 ]
 Stretch = Annotated[bool, typer.Option("--lambda3", help="Colour by thickness stretch.")]
 Stress = Annotated[bool, typer.Option("--stress", help="Colour by mean in-plane Cauchy stress.")]
+Contact = Annotated[bool, typer.Option("--contact", help="Colour by the force of contact.")]
 Layers = Annotated[bool, typer.Option("--layers", help="Colour by layer: the default.")]
 Cut = Annotated[
     bool | None,
@@ -33,6 +34,7 @@ def movie(
     layers: Layers = False,
     lambda3: Stretch = False,
     stress: Stress = False,
+    contact: Contact = False,
     cut: Cut = None,
     turntable: Annotated[bool, typer.Option("--turntable", help="Go once round the cup.")] = False,
     fps: Annotated[int, typer.Option(metavar="N", help="Frames a second.")] = 25,
@@ -46,7 +48,7 @@ def movie(
     Needs the states that a run keeps (output.states). Time goes on at a
     constant rate in t_n; jumps are shown slowly, and marked: their shapes are no equilibria.
     """
-    quantity = _quantity(layers, lambda3, stress)
+    quantity = _quantity(layers, lambda3=lambda3, stress=stress, contact=contact)
 
     def draw() -> Path:
         from opticcup_fem.plots.movie import Look
@@ -75,6 +77,7 @@ def view(
     layers: Layers = False,
     lambda3: Stretch = False,
     stress: Stress = False,
+    contact: Contact = False,
     whole: Annotated[bool, typer.Option("--whole", help="Cut nothing out.")] = False,
 ) -> None:
     """Write an interactive page of a run.
@@ -82,7 +85,7 @@ def view(
     One file for any browser, without a server or a network: turn the cup, scrub through t_n.
     Needs the states that a run keeps (output.states).
     """
-    quantity = _quantity(layers, lambda3, stress)
+    quantity = _quantity(layers, lambda3=lambda3, stress=stress, contact=contact)
 
     def draw() -> Path:
         from opticcup_fem.plots.view import view as make
@@ -114,17 +117,20 @@ def pair(
 
 def _made(draw: Callable[[], Path]) -> None:
     """Draw on rank 0 and say where."""
-    with errors_as_one_line():
+    with errors_as_one_line(), abort_all_ranks_on_a_bug():
         if rank() == 0:
             say(str(draw()))
 
 
-def _quantity(layers: bool, lambda3: bool, stress: bool) -> str | None:
+def _quantity(layers: bool, **quantities: bool) -> str | None:
     """Return what to colour by; the options exclude each other."""
+    chosen = [name for name, asked in quantities.items() if asked]
     with errors_as_one_line():
-        if layers + lambda3 + stress > 1:
-            raise CaseError("--layers, --lambda3 and --stress exclude each other: give one")
-    return "lambda3" if lambda3 else "stress" if stress else None
+        if layers + len(chosen) > 1:
+            raise CaseError(
+                "--layers, --lambda3, --stress and --contact exclude each other: give one"
+            )
+    return chosen[0] if chosen else None
 
 
 def _pixels(size: str) -> tuple[int, int]:

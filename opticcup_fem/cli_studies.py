@@ -1,4 +1,4 @@
-"""The commands that compute many cups: `sweep`, `reproduce`, `predict`."""
+"""The commands that compute many cups: `sweep`, `reproduce`, `predict`, `hysteresis`."""
 
 from __future__ import annotations
 
@@ -33,6 +33,10 @@ def sweep(
         typer.Option(metavar="DIR", help="Folder; default results/ and the study's name."),
     ] = None,
     processes: Processes = None,
+    part: Annotated[
+        str | None,
+        typer.Option(metavar="K/N", help="Only the K-th of N parts, into the cache: job arrays."),
+    ] = None,
     quiet: Quiet = False,
 ) -> None:
     """Compute a parameter study in parallel; write its table.
@@ -48,11 +52,12 @@ def sweep(
 
             study = load_study(study_path)
             prepare_folder(folder)
-        with abort_all_ranks_on_a_bug():
             from opticcup_fem.studies.sweep import command
 
+            chosen = None if part is None else command.Part.parsed(part)
+        with abort_all_ranks_on_a_bug():
             silent = quiet or not sys.stderr.isatty()
-            outcome = command.run(study, folder, processes=processes, quiet=silent)
+            outcome = command.run(study, folder, processes=processes, quiet=silent, part=chosen)
         say(outcome.message, err=outcome.failed > 0)
         if outcome.failed:
             raise typer.Exit(FAILED_RUN)
@@ -77,8 +82,8 @@ def reproduce(
 ) -> None:
     """Remake the paper's figures from computations; write report/index.html.
 
-    NAME is fig1, fig2, fig3, fig4, s1 .. s6, readings, mass-off or surface. What is computed is
-    kept in a cache: a run that was interrupted goes on, and a repeated one only draws.
+    NAME is fig1, fig2, fig3, fig4, s1 .. s6, readings, mass-off, coexistence or surface. What is
+    computed is kept in a cache: a run that was interrupted goes on, and a repeated one only draws.
     """
     with errors_as_one_line():
         with one_error_for_all_ranks():
@@ -139,3 +144,37 @@ def predict(
             forecast = study.run(geometry, out, processes=processes, quiet=silent)
         if forecast is not None:
             say("\n".join([*forecast.sentences(), f"plot and table in {out}"]))
+
+
+def hysteresis(
+    case_path: Annotated[Path, typer.Argument(metavar="CASE.toml", hidden=True)],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder.")] = Path("results/hysteresis"),
+    set_: Annotated[
+        list[str],
+        typer.Option("--set", metavar="TABLE.KEY=VALUE", help="Override a key; repeatable."),
+    ] = [],
+    ratio: Annotated[
+        list[float],
+        typer.Option(metavar="R/h", help="Carry the slit there; repeatable, slender first."),
+    ] = [],
+    at: Annotated[
+        float | None, typer.Option(metavar="T", help="t_n of that; default the last output time.")
+    ] = None,
+) -> None:
+    """Follow a buckled cup back in time and to thicker shells, beside the round one.
+
+    The case must resist contact and buckle before run.t_end.
+    """
+    with errors_as_one_line():
+        with one_error_for_all_ranks():
+            from opticcup_fem.case import load_case
+
+            case = load_case(case_path, set_)
+            prepare_folder(out)
+        with abort_all_ranks_on_a_bug():
+            from opticcup_fem.studies import hysteresis as study
+
+            outcome = study.run(case, out, ratios=ratio, at=at)
+        say(outcome.message, err=not outcome.ok)
+        if not outcome.ok:
+            raise typer.Exit(FAILED_RUN)

@@ -5,6 +5,7 @@ Nothing heavy is imported at the top: `--help` must answer at once.
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 import tempfile
@@ -15,9 +16,12 @@ from pathlib import Path
 
 import typer
 
-from opticcup_fem.errors import CaseError, InterruptedRun, MeshError, OpticCupError
+from opticcup_fem.errors import CaseError, InterruptedRun, MeshError, OpticCupError, RecordError
 
 FAILED_RUN, BAD_INPUT, INTERRUPTED = 1, 2, 130
+
+UNWRITABLE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG)
+"""Errors of a disk that is full or cannot be written, and not of this program."""
 
 
 def prepare_folder(folder: Path) -> None:
@@ -68,19 +72,38 @@ def one_error_for_all_ranks() -> Iterator[None]:
 
 @contextmanager
 def abort_all_ranks_on_a_bug() -> Iterator[None]:
-    """Keep an unforeseen exception on one rank from leaving the others waiting for ever."""
+    """Keep an unforeseen exception on one rank from leaving the others waiting for ever.
+
+    Raises:
+        RecordError: The disk is full, or cannot be written any more.
+    """
     try:
         yield
     except OpticCupError:
         raise
-    except Exception:
+    except Exception as error:
+        if isinstance(error, OSError) and error.errno in UNWRITABLE:
+            sentence = (
+                f"the results cannot be written ({error.strerror}): make room, and give the same "
+                "command again"
+            )
+            if not is_under_mpi():
+                raise RecordError(sentence) from None
+            typer.echo(f"error: {sentence}", err=True)
+            sys.stderr.flush()
+            _abort()
         if is_under_mpi():
-            from mpi4py import MPI
-
             traceback.print_exc()
             sys.stderr.flush()
-            MPI.COMM_WORLD.Abort(FAILED_RUN)
+            _abort()
         raise
+
+
+def _abort() -> None:
+    """End all ranks."""
+    from mpi4py import MPI
+
+    MPI.COMM_WORLD.Abort(FAILED_RUN)
 
 
 def say(text: str, err: bool = False) -> None:

@@ -17,6 +17,12 @@ class OpticCupError(Exception):
 class CaseError(OpticCupError, ValueError):
     """A case, or a place that it names, cannot be used as it is written."""
 
+    def __init__(self, sentence: str) -> None:
+        """Keep the sentence on one line, whatever it quotes."""
+        super().__init__(
+            "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in sentence)
+        )
+
 
 class MeshError(OpticCupError):
     """A mesh could not be made, or does not fit the case."""

@@ -1,7 +1,8 @@
 """Events on a path of equilibria: invaginations, loss of symmetry, and why a run ended.
 
 Only the rows of a path are used, so every solver that records them shares these definitions
-(physics.md section 4).  Rows may be irregular in t_n; a row with ``jump`` true starts a new branch.
+(docs/theory.md, "Events").  Rows may be irregular in t_n; a row with ``jump`` true starts a new
+branch.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence

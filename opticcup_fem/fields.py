@@ -3,7 +3,6 @@
 Every cell has nodes of its own, because thickness and stresses jump between layers and regions.
 """
 
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from opticcup_fem.snapshot import Floats, Integers, Snapshot
+from opticcup_fem.whole_files import replace_text, replacing
 
 VTK_NODES: Integers = np.array([0, 1, 2, 7, 8, 3, 4, 6, 5, 9])
 """Our node at each place of VTK's cubic Lagrange triangle (cell type 69): corners, then two nodes
@@ -72,9 +72,8 @@ def write_fields(
         point_data=data,
         cell_data={name: [values] for name, values in _cell_data(snapshot).items()},
     )
-    unfinished = path.with_name(f".{path.name}")
-    mesh.write(unfinished, file_format="vtu", binary=True, compression=None)
-    os.replace(unfinished, path)
+    with replacing(path) as unfinished:
+        mesh.write(unfinished, file_format="vtu", binary=True, compression=None)
 
 
 def _cell_data(snapshot: Snapshot) -> dict[str, NDArray[np.int32]]:
@@ -121,10 +120,3 @@ def write_collection(path: Path, files: Sequence[tuple[float, str]]) -> None:
         "</VTKFile>",
     ]
     replace_text(path, "\n".join(lines) + "\n")
-
-
-def replace_text(path: Path, text: str) -> None:
-    """Write a text file so that readers see the old one or the new one, never a part."""
-    unfinished = path.with_name(f".{path.name}")
-    unfinished.write_text(text, encoding="utf-8")
-    os.replace(unfinished, path)

@@ -21,14 +21,15 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from opticcup_fem.checkpoint import delete_checkpoint, plain
+from opticcup_fem.checkpoint import Checkpoint, delete_checkpoint, plain, write_checkpoint
 from opticcup_fem.errors import CaseError
-from opticcup_fem.fields import replace_text, write_collection, write_fields
+from opticcup_fem.fields import write_collection, write_fields
 from opticcup_fem.folder_lock import FolderLock
 from opticcup_fem.sampling import azimuths
 from opticcup_fem.sections import Meridians, Section, SectionPart
 from opticcup_fem.snapshot import Snapshot
 from opticcup_fem.states import STATES, StateWriter, clear_states
+from opticcup_fem.whole_files import replace_text, replacing
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -75,6 +76,7 @@ class RunFolder:
         *,
         overwrite: bool = False,
         resumed: Written | None = None,
+        beginning: Checkpoint | None = None,
     ) -> None:
         """Make the folder and write the case into it.
 
@@ -84,6 +86,7 @@ class RunFolder:
             overwrite: Whether an earlier run's records in the folder are deleted first; other
                 files in it are never touched.
             resumed: Keep that much of the run in the folder, and go on from there.
+            beginning: What a new run goes on from if it is ended early, written before all else.
 
         Raises:
             CaseError: The folder cannot be made or written, is in use, or holds a run already.
@@ -110,6 +113,10 @@ class RunFolder:
         try:
             (self.path / FIELDS).mkdir(exist_ok=True)
             if resumed is None:
+                if beginning is None:
+                    delete_checkpoint(self.path)
+                else:
+                    write_checkpoint(self.path, beginning)
                 self._clear()
                 replace_text(self.path / CASE, case_text)
                 replace_text(self.path / PATH, "")
@@ -184,9 +191,13 @@ class RunFolder:
         self._rows.close()
         self._lock.release()
 
+    def finish(self) -> None:
+        """Close the folder of a run that need not be gone on with."""
+        delete_checkpoint(self.path)
+        self.close()
+
     def _clear(self) -> None:
         """Delete an earlier run's records."""
-        delete_checkpoint(self.path)
         pictures = (SUMMARY, COMPARISON, SOLID, BIFURCATION, CRITICAL_PICTURE, MOVIE, VIEW)
         modes = (MODES, MODE_COLLECTION, CRITICAL)
         names = (CASE, PATH, EVENTS, SECTIONS, COLLECTION, *modes, *pictures)
@@ -273,10 +284,8 @@ class RunFolder:
         self._write_arrays(CRITICAL, self._critical)
 
     def _write_arrays(self, name: str, arrays: Mapping[str, NDArray[Any]]) -> None:
-        unfinished = self.path / f".{name}"
-        with unfinished.open("wb") as file:
+        with replacing(self.path / name) as unfinished, unfinished.open("wb") as file:
             np.savez(file, **arrays)  # type: ignore[arg-type]
-        os.replace(unfinished, self.path / name)
 
 
 def _cell(value: Any) -> str:

@@ -33,7 +33,7 @@ class Reordering:
 
     def __call__(self, snapshot: Snapshot) -> Snapshot:
         """Return a snapshot in the new order."""
-        order = self._order
+        order, traction = self._order, snapshot.contact_traction
 
         def region_rows(region: str) -> Integers:
             """Return the rows of a region's faces in their new order."""
@@ -51,6 +51,7 @@ class Reordering:
             stress={k: v[order] for k, v in snapshot.stress.items()},
             growth={k: v[order] for k, v in snapshot.growth.items()},
             faces={name: v[region_rows(name)] for name, v in snapshot.faces.items()},
+            contact_traction=None if traction is None else traction[self.nodes],
         )
 
     def at_nodes(self, values: Floats) -> Floats:

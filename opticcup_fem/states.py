@@ -5,7 +5,7 @@ state each, in the order of path.csv (of a whole path, of its followed rows).  A
 or not at all, so that whatever ends a run leaves every earlier state readable.
 
 A state keeps positions to the last digit.  What only pictures need (faces, thickness stretches,
-stresses) is kept in single precision, the faces as heights over the middle surface.
+stresses, contact) is kept in single precision, the faces as heights over the middle surface.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from opticcup_fem.errors import CaseError
-from opticcup_fem.hdf5_files import new_file
 from opticcup_fem.snapshot import NODES, Floats, Integers, Snapshot, cell_tangents
+from opticcup_fem.whole_files import new_hdf5
 
 STATES, MESH = "states", "mesh.h5"
 FORMAT = 1
@@ -60,10 +60,10 @@ class StateWriter:
         """
         if self.count == 0:
             self.folder.mkdir(exist_ok=True)
-            with new_file(self.folder / MESH) as file:
+            with new_hdf5(self.folder / MESH) as file:
                 _put_mesh(file, snapshot)
         path = self.folder / f"{self.count:05d}.h5"
-        with new_file(path) as file:
+        with new_hdf5(path) as file:
             file.attrs.update({"format": FORMAT, "t_n": float(snapshot.t_n), "jump": jump})
             _put_state(file, snapshot)
         self.count += 1
@@ -92,6 +92,8 @@ def _put_mesh(file: h5py.File, snapshot: Snapshot) -> None:
 
 def _put_state(file: h5py.File, snapshot: Snapshot) -> None:
     file["position"] = snapshot.position
+    if snapshot.contact_traction is not None:
+        file.create_dataset("contact_traction", data=snapshot.contact_traction, **_SMALL)
     normal = _normals(snapshot)
     for region, layers in snapshot.layers.items():
         cells = snapshot.cells_of(region)
@@ -173,6 +175,9 @@ class States(Sequence[Snapshot]):
         mesh, layers = self._mesh, self._mesh["layers"]
         with _opened(self._files[index]) as file:
             position = file["position"][:]
+            traction = None
+            if "contact_traction" in file:
+                traction = file["contact_traction"][:].astype(float)
             heights = {region: file[f"heights/{region}"][:].astype(float) for region in layers}
             fields = {
                 name: {
@@ -202,6 +207,7 @@ class States(Sequence[Snapshot]):
             thickness_stretch=spread["thickness_stretch"],
             stress=spread["stress"],
             faces=faces,
+            contact_traction=traction,
             **mesh,
         )
 

@@ -1,6 +1,6 @@
 """Cases: what a run computes, read from TOML, checked, and written back resolved."""
 
-from opticcup_fem.case.files import case_to_toml, load_case, parse_case, write_case
+from opticcup_fem.case.files import case_to_toml, load_case, parse_case, read_toml, write_case
 from opticcup_fem.case.tables import (
     Case,
     Closure,
@@ -26,5 +26,6 @@ __all__ = [
     "case_to_toml",
     "load_case",
     "parse_case",
+    "read_toml",
     "write_case",
 ]

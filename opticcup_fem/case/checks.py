@@ -29,6 +29,8 @@ def show(value: object) -> str:
         return f'"{value}"'
     if isinstance(value, list | tuple):
         return f"[{', '.join(show(entry) for entry in value)}]"
+    if isinstance(value, dict):
+        return f"{{{', '.join(f'{key} = {show(entry)}' for key, entry in value.items())}}}"
     return str(value)
 
 

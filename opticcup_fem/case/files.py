@@ -6,7 +6,7 @@ import difflib
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, get_args, get_origin
+from typing import Any, Literal, TypeGuard, get_args, get_origin
 
 import tomlkit
 from pydantic import BaseModel, ValidationError
@@ -33,20 +33,34 @@ def load_case(path: str | Path, overrides: Sequence[str] = ()) -> Case:
         CaseError: If the file cannot be read, is not TOML, or holds a wrong key or value; the
             message is one sentence.
     """
-    path = Path(path)
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise CaseError(f"{path}: there is no such case file") from None
-    except OSError as error:
-        raise CaseError(f"{path}: cannot be read ({error.strerror})") from None
-    except UnicodeDecodeError:
-        raise CaseError(f"{path}: not a text file in UTF-8, so not a case") from None
-    except tomllib.TOMLDecodeError as error:
-        raise CaseError(f"{path}: not valid TOML: {_sentence_part(str(error))}") from None
+    data = read_toml(path, "case file")
     for override in overrides:
         _apply_override(data, override)
     return parse_case(data, source=str(path))
+
+
+def read_toml(path: str | Path, kind: str = "file") -> dict[str, Any]:
+    """Return the tables of a TOML file.
+
+    Args:
+        path: The file.
+        kind: What to call it where it is missing.
+
+    Raises:
+        CaseError: It cannot be read, or is not TOML.
+    """
+    try:
+        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise CaseError(f"{path}: there is no such {kind}") from None
+    except OSError as error:
+        raise CaseError(f"{path}: cannot be read ({error.strerror})") from None
+    except UnicodeDecodeError:
+        raise CaseError(f"{path}: not a text file in UTF-8") from None
+    except RecursionError:
+        raise CaseError(f"{path}: not usable: its arrays are nested too deeply") from None
+    except ValueError as error:  # wrong TOML, or a number of thousands of digits
+        raise CaseError(f"{path}: not valid TOML: {_sentence_part(str(error))}") from None
 
 
 def parse_case(data: Mapping[str, Any], source: str = "case") -> Case:
@@ -147,7 +161,7 @@ def _apply_override(data: dict[str, Any], override: str) -> None:
 def _parse_value(text: str) -> Any:
     try:
         parsed = tomllib.loads(f"value = {text}")
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):
         # TOML wants 0.45 where people write .45 on a command line; other bare words are strings.
         try:
             return float(text)
@@ -161,44 +175,61 @@ def _explain(error: ErrorDetails) -> str:
     loc = error["loc"]
     if error["type"] == "value_error" and not loc:
         return _sentence_part(error["msg"].removeprefix("Value error, "))
-    key = ".".join(str(part) for part in loc[:2])
-    if error["type"] == "extra_forbidden":
-        return _explain_unknown(loc)
-    if len(loc) == 1:
+    if len(loc) == 1 and error["type"] != "extra_forbidden":
+        key = str(loc[0])
         return f"{key} = {show(error['input'])} is not a table: write [{key}] and its keys below"
-    model, rest = _innermost(loc)
-    key = ".".join(str(part) for part in loc[: len(loc) - len(rest) + 1])
-    field = model.model_fields[str(rest[0])]
-    value = error["input"]
-    is_entry = len(rest) > 1 and error["type"] != "missing"
-    place = f"entry {int(rest[1]) + 1} of {key}" if is_entry else key
+    model, where, rest = _table_of(loc)
+    key, inside = str(rest[0]), rest[1:]
+    name = where.format(key)
+    if error["type"] == "extra_forbidden":
+        return _explain_unknown(model, key, where)
+    field = model.model_fields[key]
+    if error["type"] == "missing" and not inside:
+        return f"{name} is missing: {_allowed(field)}"
+    is_entry = inside and error["type"] != "missing"
+    place = f"entry {int(inside[0]) + 1} of {name}" if is_entry else name
     allowed = _allowed(field)
     if error["type"] == "value_error":
         allowed = _sentence_part(error["msg"].removeprefix("Value error, "))
         allowed += f" ({field.description})"
-    return f"{place} = {show(value)} is not possible: {allowed}"
+    return f"{place} = {show(error['input'])} is not possible: {allowed}"
 
 
-def _explain_unknown(loc: tuple[int | str, ...]) -> str:
-    model, what = (Case, "table") if len(loc) == 1 else (_innermost(loc)[0], "key")
+def _explain_unknown(model: type[BaseModel], key: str, where: str) -> str:
     known = list(model.model_fields)
-    close = difflib.get_close_matches(str(loc[-1]), known, n=1)
-    key = ".".join(map(str, loc))
+    close = difflib.get_close_matches(key, known, n=1)
+    what = "table" if model is Case else "key"
+    sentence = f"{where.format(key)} is not a known {what}"
     if close:
-        suggestion = ".".join([*map(str, loc[:-1]), *close])
-        return f"{key} is not a known {what}; did you mean {suggestion}?"
-    return f"{key} is not a known {what}; known here: {', '.join(known)}"
+        return f"{sentence}; did you mean {where.format(close[0])}?"
+    return f"{sentence}; known here: {', '.join(known)}"
 
 
-def _innermost(loc: tuple[int | str, ...]) -> tuple[type[BaseModel], tuple[int | str, ...]]:
-    """Return the innermost table of a place in a case, and the place in it."""
+def _table_of(
+    loc: tuple[int | str, ...],
+) -> tuple[type[BaseModel], str, tuple[int | str, ...]]:
+    """Return the table in which an error lies, how its keys are called, and what follows in it.
+
+    Keys of tables in an array are called, say, "radius in entry 1 of contact.obstacles".
+    """
     model: type[BaseModel] = Case
+    above, where = "", "{}"
     while len(loc) > 1:
-        annotation = model.model_fields[str(loc[0])].annotation
-        if not (isinstance(annotation, type) and issubclass(annotation, BaseModel)):
+        name, annotation = str(loc[0]), model.model_fields[str(loc[0])].annotation
+        entry = next(iter(get_args(annotation)), None)
+        if _is_table(annotation):
+            model, loc, above = annotation, loc[1:], f"{above}{name}."
+            where = above + "{}"
+        elif len(loc) > 2 and _is_table(entry):
+            where = f"{{}} in entry {int(loc[1]) + 1} of {above}{name}"
+            model, loc = entry, loc[2:]
+        else:
             break
-        model, loc = annotation, loc[1:]
-    return model, loc
+    return model, where, loc
+
+
+def _is_table(annotation: Any) -> TypeGuard[type[BaseModel]]:
+    return isinstance(annotation, type) and issubclass(annotation, BaseModel)
 
 
 def _allowed(field: FieldInfo) -> str:
@@ -220,7 +251,8 @@ def _allowed(field: FieldInfo) -> str:
             return f"give tables{meaning}"
     if Ellipsis in arguments:
         return f"give an array of numbers{_bounds(arguments[0])}{meaning}"
-    return f"give an array of {len(arguments)} whole numbers{_bounds(arguments[0])}{meaning}"
+    noun = "numbers" if arguments[0] is float else "whole numbers"
+    return f"give an array of {len(arguments)} {noun}{_bounds(arguments[0])}{meaning}"
 
 
 def _bounds(annotated: Any) -> str:

@@ -20,10 +20,13 @@ from pydantic import (
 )
 
 from opticcup_fem.case.checks import CROSS_CHECKS
-from opticcup_fem.case.field_values import NonNegativeRate, Profile, Rate, Source
+from opticcup_fem.case.field_values import NonNegativeRate, Profile, Rate, Share, Source
 
 Closure = Literal["layer-stretch", "paper", "closed-form", "condensed"]
 Positive = Annotated[float, Field(gt=0)]
+Ratio = Annotated[float, Field(ge=1e-6, le=1e6)]
+CellSize = Annotated[float, Field(ge=1e-3)]
+Seed = Annotated[int, Field(ge=0, le=2**31 - 1)]
 PointCount = Annotated[int, Field(ge=1, le=64)]
 
 
@@ -74,8 +77,8 @@ def _default_thickness_points(data: dict[str, Any]) -> tuple[int, int, int]:
 class Material(_Table):
     """Layers and their law; the stress unit is the shear modulus of the IOV."""
 
-    thickness_ratio: Positive = Field(default=1 / 9, description="m = h_ECM/h_IOV in the cap")
-    modulus_ratio: Positive = Field(default=50.0, description="n = mu_ECM/mu_IOV; mu_OOV = mu_IOV")
+    thickness_ratio: Ratio = Field(default=1 / 9, description="m = h_ECM/h_IOV in the cap")
+    modulus_ratio: Ratio = Field(default=50.0, description="n = mu_ECM/mu_IOV; mu_OOV = mu_IOV")
     poisson_ratio: float = Field(
         default=0.45, ge=0, le=0.5, description="nu of every layer; 0.5 is incompressible, J = 1"
     )
@@ -87,11 +90,11 @@ class Material(_Table):
         strict=False,  # a TOML array is a list
         description="Gauss points through ECM, IOV, OOV",
     )
-    stiffness_ecm: Rate = Field(
+    stiffness_ecm: Share = Field(
         default=1.0, description="factor on the modulus of the ECM: number, table, formula"
     )
-    stiffness_iov: Rate = Field(default=1.0, description="the same of the IOV")
-    stiffness_oov: Rate = Field(default=1.0, description="the same of the OOV")
+    stiffness_iov: Share = Field(default=1.0, description="the same of the IOV")
+    stiffness_oov: Share = Field(default=1.0, description="the same of the OOV")
     thickness_ecm: Profile = Field(
         default=1.0, description="factor on the thickness of the ECM at rest: number, formula"
     )
@@ -164,7 +167,7 @@ class Imperfection(_Table):
     wavenumber: int = Field(
         default=2, ge=0, le=20, description="m, 2 or more; 0: a random mixture of m = 2 .. 8"
     )
-    seed: int = Field(default=1, ge=0, description="seed of phase and mixture")
+    seed: Seed = Field(default=1, description="seed of phase and mixture")
 
 
 class Run(_Table):
@@ -188,8 +191,8 @@ class Run(_Table):
     max_wavenumber: int = Field(
         default=8, ge=2, le=40, description="meridian: stability is counted for m = 0 .. this"
     )
-    t_end: Positive = Field(
-        default=1.0, description="last normalised time t_n; 1 is 20 h in the chick"
+    t_end: float = Field(
+        default=1.0, gt=0, le=100, description="last normalised time t_n; 1 is 20 h in the chick"
     )
 
 
@@ -197,17 +200,25 @@ class Mesh(_Table):
     """Surface mesh, sizes in units of R; the meridian's follows from R/h.
 
     The default of ``cell_size_oov`` follows the width sqrt(R h) of the boundary layers in which
-    the OOV bends, 0.3 sqrt(5 h/R), never above 0.3 (docs/decisions/0009-mesh-sizes.md).
+    the OOV bends, 0.3 sqrt(5 h/R), never above 0.3 (docs/decisions/0009-mesh-sizes.md).  That of
+    ``symmetry`` follows ``run.follow`` (docs/decisions/0039-symmetric-meshes.md).
     """
 
-    cell_size_cap: Positive = Field(default=0.33, description="cell size at the apex, in R")
-    cell_size_oov: Positive = Field(
+    cell_size_cap: CellSize = Field(default=0.33, description="cell size at the apex, in R")
+    cell_size_oov: CellSize = Field(
         default=0.30, description="cell size away from the cap, in R; default 0.3 sqrt(5 h/R)"
     )
-    cell_size_interface: Positive = Field(
+    cell_size_interface: CellSize = Field(
         default=0.09, description="cell size at theta = alpha, in R"
     )
-    seed: int = Field(default=1, ge=0, description="seed of the mesh generator")
+    seed: Seed = Field(default=1, description="seed of the mesh generator")
+    symmetry: int = Field(
+        default=4,
+        ge=0,
+        le=8,
+        description="mirror planes through the axis: with 2 m of them a loss of symmetry in m is "
+        'sharp; default 4, with run.follow = "stable" none',
+    )
 
 
 class Solver(_Table):
@@ -215,13 +226,17 @@ class Solver(_Table):
 
     initial_step: Positive = Field(default=0.01, description="first step in t_n")
     max_step: Positive = Field(default=0.1, description="largest step in t_n")
-    min_step: Positive = Field(
-        default=1e-4, description="smallest step in t_n: limit points are located this closely"
+    min_step: float = Field(
+        default=1e-4,
+        ge=1e-9,
+        description="smallest step in t_n: limit points are located this closely",
     )
     growth_factor: float = Field(
         default=1.5, gt=1, le=10, description="growth of the step on success"
     )
-    max_iterations: int = Field(default=15, ge=1, description="most Newton iterations a step")
+    max_iterations: int = Field(
+        default=15, ge=1, le=1000, description="most Newton iterations a step"
+    )
     tolerance: float = Field(
         default=1e-8, gt=0, lt=1, description="Newton tolerance, residual in mu_IOV R^2"
     )
@@ -333,7 +348,8 @@ class Case(_Table):
         # The defaults follow the thickness, which another table holds.
         if "shape" not in info.data:
             return mesh
-        given, sizes = mesh.model_fields_set, {}
+        given = mesh.model_fields_set
+        sizes: dict[str, float] = {}
         if "cell_size_oov" not in given:
             sizes["cell_size_oov"] = round(
                 min(0.3, 0.3 * (5 * info.data["shape"].thickness) ** 0.5), 4
@@ -344,6 +360,14 @@ class Case(_Table):
         if "cell_size_interface" not in given:
             sizes["cell_size_interface"] = min(mesh.cell_size_interface, round(0.4 * oov, 4))
         return mesh.model_copy(update=sizes)
+
+    @field_validator("mesh", mode="after")
+    @classmethod
+    def _resolve_symmetry(cls, mesh: Mesh, info: ValidationInfo) -> Mesh:
+        # What a tissue would do starts from a mesh that is no more symmetric than a tissue.
+        if "symmetry" in mesh.model_fields_set or "run" not in info.data:
+            return mesh
+        return mesh.model_copy(update={"symmetry": 4 * (info.data["run"].follow != "stable")})
 
     @model_validator(mode="after")
     def _cross_checks(self) -> Self:

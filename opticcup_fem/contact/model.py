@@ -103,12 +103,22 @@ class Contact:
     def _check_start(self) -> None:
         start = self.shell.reference_state()
         vertices = self._vertices(self._present(start), start.r)
-        crosses = self.barrier is not None and self.barrier.crosses(vertices)
-        if self.comm.bcast(crosses):
-            raise CaseError(
-                "an obstacle overlaps the shell at the start: move it away by at least half the "
-                "shell's thickness"
-            )
+        fault = ""
+        if self.barrier is not None:
+            half = self.shell.thickness / 2
+            if self.barrier.crosses(vertices) or self.barrier.surface.holds_obstacle(half):
+                fault = (
+                    "an obstacle overlaps the shell at the start: move it away by at least half "
+                    "the shell's thickness"
+                )
+            elif self.barrier.gap(vertices) < np.inf:
+                reach = self.settings.distance
+                fault = (
+                    f"an obstacle is nearer to the shell at the start than the barrier reaches, "
+                    f"{reach:.4g} (units of R): move it away or take a smaller contact.distance"
+                )
+        if fault := self.comm.bcast(fault):
+            raise CaseError(fault)
 
     def _present(self, state: ShellState) -> ContactData:
         """Return faces and obstacles as they are in a state, touching or not (collective)."""
@@ -192,11 +202,13 @@ class Contact:
     def reachable(self, before: ShellState, guess: ShellState) -> tuple[ShellState, float]:
         """Return the farthest safe state on the way to a guess, and its share (collective).
 
-        Obstacles move along with it, towards where they stand at the present t_n.  The share 1 is
-        the guess itself.
+        The faces move along with it, towards those of the guess if it is admissible, and obstacles
+        towards where they stand at the present t_n.  The share 1 is the guess itself.
         """
         assert before.contact is not None
         arrived = replace(before.contact, time=self.shell.t_n)
+        if self.shell.evaluate(guess, tangent=False)[1] is None:
+            arrived = self._present(guess)
         goal = replace(guess, contact=arrived)
         share = self.free_fraction(before, goal, KEEP)
         if share >= 1.0:

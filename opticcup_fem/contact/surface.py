@@ -66,7 +66,7 @@ class ContactSurface:
         inner = cut.triangles[:, ::-1]
         rigid = self._rigid.triangles + 2 * n
         self.triangles: NDArray[np.int32] = np.concatenate([inner, outer, rigid]).astype(np.int32)
-        rest = self.map @ reference
+        self._rest = rest = self.map @ reference
         self.mesh = _collision_mesh(
             np.concatenate([rest, rest, _shrunk(self._rigid, rest, cut.triangles)]), self.triangles
         )
@@ -112,6 +112,17 @@ class ContactSurface:
         faces = [self.map @ (r + offsets[:, k]) for k in (0, 1)]
         placed = joined(self.obstacles, time).vertices
         return np.asfortranarray(np.concatenate([*faces, placed]))
+
+    def holds_obstacle(self, half: float) -> bool:
+        """Return whether an obstacle's vertex lies in the wall of the shell at its start.
+
+        Args:
+            half: Half the shell's thickness.
+        """
+        if len(self._rigid.vertices) == 0:
+            return False
+        distances, _ = cKDTree(self._rest).query(self._rigid.vertices)
+        return bool(distances.min() < half)
 
     def pull_back(self, forces: Floats) -> Floats:
         """Return what forces on the vertices, shape (n_vertices, 3), do on the nodes."""

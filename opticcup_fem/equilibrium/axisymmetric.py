@@ -32,6 +32,8 @@ LONG_BEFORE = 0.25
 class AxisymmetricStepping(LoadStepping):
     """Follows axisymmetric states through losses of stability in m >= 1; jumps at limit points."""
 
+    memory = 12
+
     def __init__(
         self,
         problem: Problem,

@@ -304,46 +304,56 @@ class Continuation:
         *,
         lowest: float = -math.inf,
         longest: float = 30.0,
+        before: PathState | None = None,
     ) -> Iterator[PathState]:
-        """Yield the solutions after ``start``, which has its tangent; see ``follow``."""
+        """Yield the solutions after ``start``, which has its tangent; see ``follow``.
+
+        Args:
+            start: A solution.
+            t_end: Last load.
+            landings: Loads to land on.
+            lowest: Load below which the path is given up as lost.
+            longest: Arc length after which the path is given up as endless.
+            before: The solution that the step to ``start`` came from, if the path was followed up
+                to there: it goes on as if it had not been interrupted.
+        """
         self.ending = None
-        last, before = start, None
-        step = self.control.initial
+        last = start
+        step = self.control.initial if before is None else self._next_step(before, last)
         due = sorted({*landings, t_end})
         while last.arc < longest:
-            ahead = self._advance(last, before, step)
-            if ahead is None:
+            state = self._advance(last, before, step)
+            if state is None:
                 return
-            state, used = ahead
             for stop in self._stops(last, before, state, due):
                 yield stop
                 if stop.t >= t_end - 1e-12 and not stop.is_fold:
                     return
             yield state
             if state.t < lowest:
-                self.ending = Ending(state.t, used, None)
+                self.ending = Ending(state.t, state.arc - last.arc, None)
                 return
-            step = self._next_step(used, state.iterations - state.turns)
+            step = self._next_step(last, state)
             before, last = last, state
         self.ending = Ending(last.t, step, None)
 
-    def _advance(
-        self, last: PathState, before: PathState | None, step: float
-    ) -> tuple[PathState, float] | None:
-        """Return the next solution and the step to it; note the end of the path if none."""
+    def _advance(self, last: PathState, before: PathState | None, step: float) -> PathState | None:
+        """Return the next solution; note the end of the path if there is none."""
         spent = 0
         while True:
             attempt = self._step(last, before, step)
             spent += attempt.iterations
             if attempt.state is not None:
-                return replace(attempt.state, iterations=spent), step
+                return replace(attempt.state, iterations=spent)
             step *= 0.4
             if step < self.control.smallest:
                 self.ending = Ending(last.t, step, attempt.cause)
                 return None
 
-    def _next_step(self, used: float, iterations: int) -> float:
-        factor = 2.0 ** ((self.control.wanted - iterations) / 2)
+    def _next_step(self, before: PathState, last: PathState) -> float:
+        """Return the step after that from one solution to the next."""
+        factor = 2.0 ** ((self.control.wanted - (last.iterations - last.turns)) / 2)
+        used = last.arc - before.arc
         return min(used * min(max(factor, 0.5), 1.6), self.control.largest)
 
     def _step(self, last: PathState, before: PathState | None, step: float) -> _Attempt:

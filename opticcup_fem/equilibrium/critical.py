@@ -147,6 +147,22 @@ class CriticalPoints:
             tuple(one.eigenvalue for one in modes),
         )
 
+    def at_limit_point(self, before: Known, t_n: float, state: ShellState) -> CriticalPoint:
+        """Return a limit point that was localised by arc length, with its mode (collective).
+
+        Args:
+            before: The state before it on the path.
+            t_n: Its normalised time.
+            state: The equilibrium there.
+        """
+        lost = _nearest(self._modes_at(before.t_n, before.state)).eigenvalue > 0
+        modes = self._modes_at(t_n, state)
+        mode = _nearest(modes)
+        values = tuple(one.eigenvalue for one in modes)
+        content = self.classify(state, mode)
+        times = (before.t_n, t_n)
+        return CriticalPoint(t_n, "limit_point", lost, times, t_n, state, mode, content, values)
+
     def softest(self, t_n: float, state: ShellState, wavenumber: int) -> Mode | None:
         """Return the mode of a wavenumber with the eigenvalue nearest to zero (collective).
 

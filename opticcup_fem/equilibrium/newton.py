@@ -35,6 +35,10 @@ NEAR_SOLUTION = 1e-5
 SMALLEST_FRACTION = 0.02
 """Newton steps are not cut below this fraction."""
 
+MOST_IDLE = 5
+"""Iterations without a smaller residual that end a solve with contact: it goes to and fro between
+pairs that touch and do not, and descent goes on better."""
+
 MOST_RENEWALS = 30
 """Solves for one state while faces and obstacles are brought up to date."""
 
@@ -69,6 +73,7 @@ class Solution:
         iterations: Newton iterations, each one factorisation.
         residual: Final residual norm.
         lost: The fibre that allowed no step, and its place, where that was the reason.
+        best: The iterate with the smallest residual, None where none was admissible.
         turns: Iterations among these that followed changes of growth by mass balance.
     """
 
@@ -78,6 +83,7 @@ class Solution:
     iterations: int
     residual: float
     lost: LostPlace | None = None
+    best: ShellState | None = None
     turns: int = 0
 
 
@@ -202,7 +208,9 @@ class MixedNewton:
         self._state, self._drag = state, drag
         self._cells: CondensedCells | None = None
         self._resultants, self._lost = self.problem.shell.evaluate(state)
-        self._norm = self._smallest = self._factorised_norm = np.inf
+        self._norm = self._smallest = self._factorised_norm = self._best_norm = np.inf
+        self._best: ShellState | None = None
+        self._best_iteration = 0
         self._x.array[:] = self.problem.global_values(state)
         self._start = self._x.array.copy()
         self._snes.solve(None, self._x)
@@ -215,6 +223,7 @@ class MixedNewton:
             self._snes.getIterationNumber(),
             self._norm,
             self._lost,
+            self._best,
         )
 
     def inertia(self) -> Inertia | None:
@@ -305,12 +314,15 @@ class MixedNewton:
             self.monitor(iteration, self._norm)
         if self._lost is not None or not np.isfinite(self._norm):
             return Reason.DIVERGED_FUNCTION_DOMAIN
+        if self._norm < self._best_norm:
+            self._best, self._best_norm, self._best_iteration = self._state, self._norm, iteration
         if self._norm < self.tolerance:
             return Reason.CONVERGED_FNORM_ABS
         wandering = self._norm > self.wandering * self._smallest
         if iteration >= 2:
             self._smallest = min(self._norm, self._smallest)
-        if wandering or self._norm > DIVERGED_RESIDUAL:
+        idle = self.problem.awake and iteration - self._best_iteration > MOST_IDLE
+        if wandering or idle or self._norm > DIVERGED_RESIDUAL:
             return Reason.DIVERGED_DTOL
         if iteration >= self.max_iterations:
             return Reason.DIVERGED_MAX_IT

@@ -28,6 +28,9 @@ PUSHES = (0.01, 0.02, 0.04, 0.08, 0.16)
 """Moves along a critical mode, largest of a node over R, that are tried one after the other until
 relaxation leaves the path that lost its stability."""
 
+SLIP_STEP = 10
+"""Smallest steps in a step on which parts that touch may slip: where on it does not matter."""
+
 
 @dataclass(frozen=True)
 class PathPoint:
@@ -74,11 +77,19 @@ class Attempt:
 
 @dataclass(frozen=True)
 class PathEnd:
-    """Why a path ended before its end: the last attempt and the time that it was for."""
+    """Why a path ended before its end.
+
+    Attributes:
+        t_n: Normalised time of the last attempt.
+        attempt: The last attempt.
+        unbalanced: The mass balance that has no solution, where that was the reason.
+        critical: The critical point at which stability was lost, where it was looked for.
+    """
 
     t_n: float
     attempt: Solution | Relaxed
     unbalanced: UnbalancedLayer | None = None
+    critical: CriticalPoint | None = None
 
 
 @dataclass(frozen=True)
@@ -89,7 +100,7 @@ class SteppingState:
         point: The point.
         accepted: Number of accepted steps.
         dt: Length of the next step, unless the history limits it.
-        states: Normalised times and states of the last points, up to three.
+        states: Normalised times and states from which the path is extrapolated.
         blocked: Signed time that a step failed to reach, inf for none.
     """
 
@@ -107,7 +118,10 @@ class LoadStepping:
         end: Set when the path could not be followed to its end.
         accepted: Number of accepted steps.
         present: What the path beyond the last point that was yielded depends on.
+        memory: Number of states from which the path is extrapolated.
     """
+
+    memory = 3
 
     def __init__(
         self,
@@ -184,14 +198,16 @@ class LoadStepping:
         course = Course(t_start, t_end, times)
         if resumed is not None:
             point, dt, self.accepted = resumed.point, resumed.dt, resumed.accepted
-            history = History.restored(self.problem, course, resumed.states, resumed.blocked)
+            history = History.restored(
+                self.problem, course, resumed.states, resumed.blocked, self.memory
+            )
         else:
             first = self._attempt(t_start, state, None)
             if first.point is None:
                 self.end = PathEnd(t_start, first.solution)
                 return
             point, dt = first.point, control.initial
-            history = History(self.problem, course, point.t_n, self._remembered(point))
+            history = self._history(course, point)
             self._commit(point)
             self._note(point, dt, history)
             yield point
@@ -203,7 +219,10 @@ class LoadStepping:
             found, solution = attempt.point, attempt.solution
             spent += solution.iterations
             if found is not None:
-                history.add(found.t_n, self._remembered(found))
+                if found.jump:
+                    history = History(self.problem, course, found.t_n, self._remembered(found))
+                else:
+                    history.add(found.t_n, self._remembered(found))
                 quick = solution.iterations - solution.turns <= control.quick
                 dt = min(max(dt, step) * (control.growth if quick else 1.0), control.largest)
             elif attempt.unbalanced is not None and step <= control.smallest * (1 + 1e-6):
@@ -220,7 +239,7 @@ class LoadStepping:
                 if found is None:
                     return
                 spent += found.iterations
-                history = History(self.problem, course, found.t_n, self._remembered(found))
+                history = self._history(course, found)
                 dt = control.initial
             point = replace(found, iterations=spent)
             self.accepted += 1
@@ -244,9 +263,14 @@ class LoadStepping:
         guess = low.state.plus(high.state.minus(low.state), share)
         return self._attempt(t_n, self.problem.with_mean_directors(guess, low.state), low).point
 
+    def _history(self, course: Course, point: PathPoint) -> History:
+        """Return the history of a path that begins with a point (collective)."""
+        remembered = self._remembered(point)
+        return History(self.problem, course, point.t_n, remembered, self.memory)
+
     def _note(self, point: PathPoint, dt: float, history: History) -> None:
         """Note what the path beyond a point depends on."""
-        states = tuple(history.states)
+        states = tuple(history.passed)
         self.present = SteppingState(point, self.accepted, dt, states, history.blocked)
 
     def _attempt(self, t_n: float, guess: ShellState, before: PathPoint | None) -> Attempt:
@@ -268,13 +292,16 @@ class LoadStepping:
         begin_step(shell, t_n, guess)
         near = guess if before is None else before.state
         solution = self.newton.solve(guess, before=near)
-        if not solution.converged and self._may_descend and _touches(near):
-            return self._descended(t_n, guess, near, solution)
+        descends = before is not None and self._may_descend_from(before, t_n)
+        if not solution.converged and before is not None and descends:
+            return self._descended(t_n, guess, before, solution)
         if not solution.converged or self._moved(solution.state, near) > self.control.max_move:
             return Attempt(solution)
         state = shell.with_updated_directors(solution.state)
         negative = self._negative_eigenvalues.at_solution(state)
         if negative and not self._admits(Known(t_n, state, negative), before):
+            if before is not None and descends:
+                return self._descended(t_n, guess, before, replace(solution, best=None))
             return Attempt(solution, unstable=state)
         energy = shell.energy(state)
         point = PathPoint(
@@ -285,27 +312,38 @@ class LoadStepping:
         except ConvergenceError:  # too far apart: a shorter step finds them
             return Attempt(solution)
 
-    def _descended(
-        self, t_n: float, guess: ShellState, before: ShellState, failed: Solution
-    ) -> Attempt:
-        """Go on from a guess by descent: Newton's method wanders where parts come to touch.
+    def _may_descend_from(self, before: PathPoint, t_n: float) -> bool:
+        """Return whether a step that Newton's method fails on is tried by descent."""
+        return _touches(before.state) and (self._may_descend or self._is_short(before, t_n))
 
-        What comes to rest farther than a jump from the guess is not accepted, and not tried again
-        on shorter steps: a stability was lost on the way (collective).
+    def _is_short(self, before: PathPoint, t_n: float) -> bool:
+        return abs(t_n - before.t_n) <= SLIP_STEP * self.control.smallest
+
+    def _descended(
+        self, t_n: float, guess: ShellState, before: PathPoint, failed: Solution
+    ) -> Attempt:
+        """Go on by descent where Newton's method wanders, or ends in an unstable state, in touch.
+
+        It starts where Newton's method came nearest, or at the guess.  What comes to rest farther
+        than a jump from the guess has lost its stability on the way: it is accepted on a short step
+        only, and not tried again before (collective).
         """
         contact = self.problem.contact
         assert contact is not None
-        start, _ = contact.reachable(before, self.problem.with_mean_directors(guess, before))
+        start = failed.best
+        if start is None:
+            turned = self.problem.with_mean_directors(guess, before.state)
+            start, _ = contact.reachable(before.state, turned)
         relaxed = self._balanced_rest(start)
         spent = replace(failed, iterations=failed.iterations + relaxed.factorisations)
         near = self._moved(relaxed.state, guess) <= self.control.jump_move
-        if not relaxed.converged or not near:
+        if not relaxed.converged or not (near or self._is_short(before, t_n)):
             self._may_descend = False
             return Attempt(spent)
         point = PathPoint(
             t_n,
             relaxed.state,
-            False,
+            not near,
             relaxed.negative_eigenvalues,
             spent.iterations,
             relaxed.residual,
@@ -355,6 +393,8 @@ class LoadStepping:
         for start in starts:
             found = self._relaxed(point, start, t_n, attempt.solution)
             if found is None:
+                assert self.end is not None
+                self.end = replace(self.end, critical=critical)
                 return None
             spent += found.iterations
             if found.jump:
@@ -382,7 +422,7 @@ class LoadStepping:
             self.end = PathEnd(t_n, attempt, unbalanced)
             return None
         if not relaxed.converged:
-            self.end = PathEnd(t_n, attempt if relaxed.lost is None else relaxed)
+            self.end = PathEnd(t_n, relaxed)
             return None
         negative = relaxed.negative_eigenvalues
         if negative is None:  # the flow ends in a solution of Newton's method

@@ -86,7 +86,9 @@ class Course:
 class History:
     """The last accepted states: predictor, and an estimate of how near a limit point is."""
 
-    def __init__(self, problem: Problem, course: Course, t_n: float, state: ShellState) -> None:
+    def __init__(
+        self, problem: Problem, course: Course, t_n: float, state: ShellState, longest: int = 3
+    ) -> None:
         """Begin with one state.
 
         Args:
@@ -94,9 +96,9 @@ class History:
             course: The way in t_n.
             t_n: Normalised time of the state.
             state: The state.
+            longest: Number of states to remember, three or more.
         """
-        self._problem, self._course = problem, course
-        self._points = [(t_n, state)]
+        self._problem, self._course, self._longest = problem, course, longest
         self._passed = [(t_n, state)]
         self._blocked = math.inf
 
@@ -105,12 +107,13 @@ class History:
         cls,
         problem: Problem,
         course: Course,
-        states: Sequence[tuple[float, ShellState]],
+        passed: Sequence[tuple[float, ShellState]],
         blocked: float,
+        longest: int = 3,
     ) -> History:
-        """Return the history of an interrupted path from its last ``states`` and ``blocked``."""
-        (t_n, first), *later = states
-        history = cls(problem, course, t_n, first)
+        """Return the history of an interrupted path from what it ``passed`` and ``blocked``."""
+        (t_n, first), *later = passed
+        history = cls(problem, course, t_n, first, longest)
         for time, state in later:
             history.add(time, state)
         history._blocked = blocked
@@ -122,20 +125,24 @@ class History:
         return self._blocked
 
     def add(self, t_n: float, state: ShellState) -> None:
-        """Append an accepted state; the last three serve the next step, twelve a leap."""
-        self._points = [*self._points[-2:], (t_n, state)]
-        self._passed = [*self._passed[-11:], (t_n, state)]
+        """Append an accepted state; the last three serve the next step, all of them a leap."""
+        self._passed = [*self._passed, (t_n, state)][-self._longest :]
         if self._to_failure <= 0:
             self._blocked = math.inf
 
     @property
     def states(self) -> list[tuple[float, ShellState]]:
         """Normalised times and states of the last points, up to three."""
-        return list(self._points)
+        return self._passed[-3:]
+
+    @property
+    def passed(self) -> list[tuple[float, ShellState]]:
+        """Normalised times and states of all points that are remembered."""
+        return list(self._passed)
 
     def ahead(self, step: float) -> float:
         """Return the time ``step`` ahead of the last state, or the end if that is nearer."""
-        return self._course.limited(self._points[-1][0], step)
+        return self._course.limited(self._passed[-1][0], step)
 
     def block(self, step: float) -> None:
         """Remember that a step of this length failed."""
@@ -144,7 +151,7 @@ class History:
     @property
     def _along(self) -> float:
         """Signed time of the last state, which grows along the path."""
-        return self._course.sign * self._points[-1][0]
+        return self._course.sign * self._passed[-1][0]
 
     @property
     def _to_failure(self) -> float:
@@ -152,10 +159,11 @@ class History:
 
     def predict(self, t: float) -> ShellState:
         """Return the guess at ``t``: polynomial extrapolation through up to three states."""
-        times = [time for time, _ in self._points]
-        _, last = self._points[-1]
+        points = self.states
+        times = [time for time, _ in points]
+        _, last = points[-1]
         guess = last
-        for i, (time, state) in enumerate(self._points[:-1]):
+        for i, (time, state) in enumerate(points[:-1]):
             weight = math.prod(
                 (t - other) / (time - other) for j, other in enumerate(times) if j != i
             )
@@ -169,7 +177,7 @@ class History:
             t: Normalised time.
             distance: Least distance in t_n of the two.
         """
-        t_1, last = self._points[-1]
+        t_1, last = self._passed[-1]
         distant = [one for one in self._passed if abs(one[0] - t_1) >= distance]
         if not distant:
             return last
@@ -191,9 +199,9 @@ class History:
 
     def _distance_to_fold(self) -> float:
         """Return the estimated distance in t_n to the next limit point, inf where none shows."""
-        if len(self._points) < 3:
+        if len(self._passed) < 3:
             return math.inf
-        (t_0, a), (t_1, b), (t_2, c) = self._points
+        (t_0, a), (t_1, b), (t_2, c) = self.states
         s_1, s_2 = self._problem.distance(a, b), self._problem.distance(b, c)
         if s_1 == 0 or s_2 == 0:  # nothing moved
             return math.inf

@@ -5,7 +5,7 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from opticcup_fem.mesh.checks import check_angle, edge_count, positive
+from opticcup_fem.mesh.checks import check_angle, check_symmetry, edge_count, positive
 from opticcup_fem.mesh.disc import jitter, mesh_disc, on_sphere, plane_radius
 from opticcup_fem.mesh.distribute import distribute
 from opticcup_fem.mesh.surface_mesh import SurfaceMesh
@@ -35,6 +35,7 @@ def cup_mesh(
     comm: MPI.Comm = MPI.COMM_WORLD,
     radius: float = 1.0,
     transition: float | None = None,
+    symmetry: int = 0,
 ) -> SurfaceMesh:
     """Mesh the closed sphere made of cap and OOV (collective).
 
@@ -51,6 +52,8 @@ def cup_mesh(
         radius: Radius R of the sphere.
         transition: Distance from the interface over which the cell size changes; half the radius
             unless given.
+        symmetry: k of a mesh with k mirror planes through the z axis, the first one y = 0, and so
+            of a k-fold axis; 0 for none.  Waves cos m phi with k = 2 m or more break its symmetry.
 
     Raises:
         MeshError: An argument is out of range, or the interface circle would have fewer than
@@ -66,14 +69,14 @@ def cup_mesh(
     )
     cap, interface, oov = (size / radius for size in sizes)
     check_angle(opening_angle)
-    edges = edge_count(np.sin(opening_angle), interface, "cell_size_interface", radius)
+    check_symmetry(symmetry)
+    edges = edge_count(np.sin(opening_angle), interface, "cell_size_interface", radius, symmetry)
 
     def build() -> Triangulation:
         phi = _angles(edges)
-        top, top_cells = _cap(opening_angle, phi, cap, interface, seed, width / radius)
-        bottom, bottom_cells = _cap(
-            np.pi - opening_angle, phi, oov, interface, seed, width / radius
-        )
+        shared = (interface, seed, width / radius, symmetry)
+        top, top_cells = _cap(opening_angle, phi, cap, *shared)
+        bottom, bottom_cells = _cap(np.pi - opening_angle, phi, oov, *shared)
         bottom = bottom * np.array([1.0, 1.0, -1.0])
         # one copy of the circle's vertices: the OOV's first ones are the cap's first ones
         others = np.arange(edges, len(bottom)) + len(top) - edges
@@ -171,7 +174,13 @@ def disk_mesh(
 
 
 def _cap(
-    angle: float, phi: Array, inner: float, rim: float, seed: int, width: float = TRANSITION
+    angle: float,
+    phi: Array,
+    inner: float,
+    rim: float,
+    seed: int,
+    width: float = TRANSITION,
+    symmetry: int = 0,
 ) -> tuple[Array, npt.NDArray[np.int64]]:
     """Mesh the unit sphere's cap about +z: rim vertices at ``phi`` first, then the pole."""
     noise = jitter(seed)
@@ -183,7 +192,7 @@ def _cap(
         return _graded(distance, rim, inner, width) * noise(place) * (1.0 + 0.25 * (x * x + y * y))
 
     circle = np.stack([np.cos(phi), np.sin(phi)], axis=1)
-    plane, cells = mesh_disc(plane_radius(angle) * circle, size, seed)
+    plane, cells = mesh_disc(plane_radius(angle) * circle, size, seed, symmetry)
     points = on_sphere(plane)
     points[: len(phi), :2] = np.sin(angle) * circle
     points[: len(phi), 2] = np.cos(angle)

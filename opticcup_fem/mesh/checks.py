@@ -4,10 +4,13 @@ import numpy as np
 
 from opticcup_fem.errors import MeshError
 
-__all__ = ["check_angle", "edge_count", "positive"]
+__all__ = ["check_angle", "check_symmetry", "edge_count", "positive"]
 
 FEWEST_EDGES = 8
 """A circle of fewer edges does not stand for a circle, not even with cubic elements."""
+
+MOST_MIRRORS = 8
+"""With more mirror planes through a pole its triangles have angles below 22 degrees."""
 
 
 def positive(**values: float) -> tuple[float, ...]:
@@ -26,9 +29,14 @@ def check_angle(angle: float) -> None:
         )
 
 
-def edge_count(circle: float, size: float, name: str, radius: float) -> int:
-    """Return the number of edges on a circle of a given radius, both in units of ``radius``."""
+def edge_count(circle: float, size: float, name: str, radius: float, symmetry: int = 0) -> int:
+    """Return the number of edges on a circle of a given radius, both in units of ``radius``.
+
+    It is a multiple of 2 ``symmetry``: every mirror line meets the circle in two vertices.
+    """
     edges = round(2.0 * np.pi * circle / size)
+    if symmetry:
+        edges = 2 * symmetry * max(1, round(edges / (2 * symmetry)))
     if edges < FEWEST_EDGES:
         largest = radius * 2.0 * np.pi * circle / FEWEST_EDGES
         raise MeshError(
@@ -37,3 +45,11 @@ def edge_count(circle: float, size: float, name: str, radius: float) -> int:
             f"set {name} to {largest:.3g} or less"
         )
     return edges
+
+
+def check_symmetry(symmetry: int) -> None:
+    """Refuse a number of mirror planes that leaves wedges too sharp for triangles."""
+    if not 0 <= symmetry <= MOST_MIRRORS:
+        raise MeshError(
+            f"symmetry is {symmetry}; give the number of mirror planes, 1 to {MOST_MIRRORS}, or 0"
+        )

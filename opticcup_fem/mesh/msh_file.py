@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx.mesh import entities_to_geometry
 
+from opticcup_fem.compat import cell_corners
 from opticcup_fem.errors import MeshError
 from opticcup_fem.mesh.distribute import distribute, fill_model
 from opticcup_fem.mesh.gmsh_session import gmsh_model
@@ -108,7 +109,7 @@ def gather(surface_mesh: SurfaceMesh) -> Triangulation | None:
             "node": original[:node_count],
             "point": mesh.geometry.x[:node_count],
             "cell": mesh.topology.original_cell_index[:cell_count],
-            "corner": original[mesh.geometry.dofmap[:cell_count]],
+            "corner": original[cell_corners(mesh)[:cell_count]],
             "region": region,
             "edge": original[on_curves].reshape(-1, 2),
             "curve": tags.values[owned_edges],

@@ -4,7 +4,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from opticcup_fem.compat import interpolation_points
+from opticcup_fem.compat import cell_corners, interpolation_points
 from opticcup_fem.errors import MeshError
 from opticcup_fem.mesh.surfaces import Surface, axis_arc
 
@@ -47,7 +47,7 @@ def place_on_surface(
     mesh = space.mesh
     mesh.topology.create_connectivity(2, 1)
     edges = mesh.topology.connectivity(2, 1).array.reshape(-1, 3)
-    corners = np.asarray(mesh.geometry.x[mesh.geometry.dofmap], dtype=np.float64)
+    corners = np.asarray(mesh.geometry.x[cell_corners(mesh)], dtype=np.float64)
     nodes = _curved_nodes(
         corners, np.isin(edges, circle_edges), surface, interpolation_points(space)
     )

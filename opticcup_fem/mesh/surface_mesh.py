@@ -9,6 +9,7 @@ import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.mesh import Mesh, MeshTags
 
+from opticcup_fem.compat import cell_corners
 from opticcup_fem.mesh.reference import place_on_surface
 from opticcup_fem.mesh.surfaces import Surface
 from opticcup_fem.mesh.triangulation import corner_angles
@@ -40,7 +41,7 @@ class SurfaceMesh:
 
     def corners(self) -> npt.NDArray[np.float64]:
         """Return the corner positions of owned and ghost cells, shape (cells, 3, 3)."""
-        corners = self.mesh.geometry.x[self.mesh.geometry.dofmap]
+        corners = self.mesh.geometry.x[cell_corners(self.mesh)]
         return np.asarray(corners, dtype=np.float64)
 
     def orientation(self) -> npt.NDArray[np.float64]:
@@ -87,7 +88,7 @@ class SurfaceMesh:
 
         cells = ", ".join(f"{n} {count(self.cell_tags, i, 2)}" for n, i in self.regions.items())
         edges = ", ".join(f"{n} {count(self.facet_tags, i, 1)}" for n, i in self.curves.items())
-        angles = np.degrees(corner_angles(self.mesh.geometry.x, self.mesh.geometry.dofmap))
+        angles = np.degrees(corner_angles(self.mesh.geometry.x, cell_corners(self.mesh)))
         smallest = comm.allreduce(angles.min(initial=180.0), op=MPI.MIN)
         largest = comm.allreduce(angles.max(initial=0.0), op=MPI.MAX)
         return (

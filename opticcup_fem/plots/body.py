@@ -17,8 +17,8 @@ from opticcup_fem.snapshot import Floats, Integers, Snapshot, lagrange_basis
 
 Triangles = NDArray[np.int32]
 
-QUANTITIES = {"lambda3": "thickness_stretch", "stress": "stress"}
-"""What layers can be coloured by, and the snapshots' name of it."""
+QUANTITIES = ("lambda3", "stress", "contact")
+"""What layers can be coloured by."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +38,21 @@ def in_plane_stress(stress: Floats) -> Floats:
     """Return the mean in-plane Cauchy stress, half the trace, of components (..., 3)."""
     half: Floats = stress[..., :2].mean(axis=-1)
     return half
+
+
+def _coloured(snapshot: Snapshot, quantity: str, layer: str) -> Floats:
+    """Return a quantity in a layer at the nodes of the cells, shape (m, 10).
+
+    That of contact is the size of its force per reference area, nought where none is known.
+    """
+    if quantity == "lambda3":
+        return snapshot.thickness_stretch[layer]
+    if quantity == "stress":
+        return in_plane_stress(snapshot.stress[layer])
+    if snapshot.contact_traction is None:
+        return np.zeros(snapshot.cells.shape)
+    size: Floats = np.linalg.norm(snapshot.contact_traction, axis=1)[snapshot.cells]
+    return size
 
 
 class BodyGrid:
@@ -128,10 +143,8 @@ class BodyGrid:
             on_grid = (to_grid @ nodal).reshape(*self._shape[region], -1, 3)
             faces[region] = np.asarray(frame(on_grid))
         if self.quantity is not None:
-            fields = getattr(snapshot, QUANTITIES[self.quantity])
             for layer, (region, _) in self.layers.items():
-                field = fields[layer][snapshot.cells_of(region)]
-                field = in_plane_stress(field) if field.ndim == 3 else field
+                field = _coloured(snapshot, self.quantity, layer)[snapshot.cells_of(region)]
                 values[layer] = (self._maps[region] @ field.ravel()).reshape(self._shape[region])
         return Shape(faces, values)
 

@@ -12,6 +12,9 @@ from opticcup_fem.plots import style
 if TYPE_CHECKING:
     import pandas as pd
 
+UNSTABLE = (0, (1, 1.2))
+"""Dashes of what is not stable."""
+
 
 def branches(path: "pd.DataFrame") -> "list[pd.DataFrame]":
     """Return the path cut before every row that follows a jump.
@@ -25,10 +28,17 @@ def branches(path: "pd.DataFrame") -> "list[pd.DataFrame]":
 
 
 def draw_path(axes: Axes, path: "pd.DataFrame", name: str, colour: str, label: str = "") -> None:
-    """Draw one column against t_n: lines along branches, a dashed line over each jump."""
+    """Draw one column against t_n: lines along branches, a dashed line over each jump.
+
+    States that are not stable are drawn thin and dotted: no tissue would take them.
+    """
     parts = branches(path)
     for k, branch in enumerate(parts):
-        axes.plot(branch["t_n"], branch[name], color=colour, label=label if k == 0 else "")
+        for part, stable in by_stability(branch):
+            first = k == 0 and part.index[0] == branch.index[0]
+            (line,) = axes.plot(part["t_n"], part[name], color=colour, label=label if first else "")
+            if not stable:
+                line.set(linestyle=UNSTABLE, linewidth=1.0)
     for before, after in pairwise(parts):
         ends = [before.iloc[-1], after.iloc[0]]
         t, y = ([float(row[key]) for row in ends] for key in ("t_n", name))
@@ -37,9 +47,28 @@ def draw_path(axes: Axes, path: "pd.DataFrame", name: str, colour: str, label: s
     axes.set_ylabel(style.SYMBOLS.get(name, name))
 
 
+def by_stability(branch: "pd.DataFrame") -> "list[tuple[pd.DataFrame, bool]]":
+    """Return the parts of a branch of one stability, each up to the first row of the next."""
+    if "stable" not in branch:
+        return [(branch, True)]
+    stable = branch["stable"].to_numpy(dtype=bool)
+    ends = [0, *(np.flatnonzero(stable[1:] != stable[:-1]) + 1), len(branch)]
+    return [(branch.iloc[a : b + 1], bool(stable[a])) for a, b in pairwise(ends)]
+
+
 def place_of(path: "pd.DataFrame", name: str, event: dict[str, Any]) -> tuple[float, float]:
-    """Return t_n and a column's value at an event: before a jump, the branch's last state."""
+    """Return t_n and a column's value at an event: before a jump, the branch's last state.
+
+    An event that knows the row behind it lies between that row and the one before.
+    """
     t_n = float(event["t_n"])
+    row = event.get("row")
+    if row is not None and 0 < row < len(path) and not bool(path["jump"].iloc[row]):
+        ends = path.iloc[[row - 1, row]].sort_values("t_n")
+        return t_n, float(np.interp(t_n, ends["t_n"], ends[name]))
+    if row is not None and 0 < row <= len(path):
+        last = path.iloc[row - 1]
+        return float(last["t_n"]), float(last[name])
     before = [b for b in branches(path) if float(b["t_n"].iloc[0]) <= t_n]
     on = before[-1] if before else path
     return min(t_n, float(on["t_n"].iloc[-1])), float(np.interp(t_n, on["t_n"], on[name]))

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
 
 from opticcup_fem.errors import CaseError
 from opticcup_fem.plots import style
@@ -86,11 +85,9 @@ def draw(run_dirs: Sequence[str | Path], out: Path) -> None:
             -0.03, 0.5, p.title, transform=axes.transAxes, rotation=90, va="center", ha="right"
         )
     layers = tuple(reversed(playbacks[0].grid.layers))
-    patches = [
-        Patch(color=style.layer_colour(name, layers), label=style.LAYER_LABELS.get(name, name))
-        for name in layers
-    ]
-    figure.legend(handles=patches, loc="outside lower center", ncols=len(patches))
+    figure.legend(
+        handles=style.layer_handles(layers), loc="outside lower center", ncols=len(layers)
+    )
     style.save(figure, out)
 
 

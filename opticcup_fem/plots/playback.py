@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from opticcup_fem.case import load_case
 from opticcup_fem.errors import CaseError
@@ -65,7 +64,7 @@ class Playback:
         if len(self.path) == 0:
             raise CaseError(f"{run_dir} holds no rows: the run has not come to its first state")
         stable = self.path["stable"] if "stable" in self.path else np.ones(len(self.path))
-        self.stable: NDArray[np.bool_] = np.asarray(stable, dtype=bool)
+        self.stable = np.asarray(stable, dtype=bool)
         self.events: list[dict[str, Any]] = [
             event for event in read_events(run_dir) if event.get("followed", True)
         ]

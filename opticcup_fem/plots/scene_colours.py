@@ -8,11 +8,12 @@ from matplotlib.colors import Colormap, Normalize, SymLogNorm
 
 from opticcup_fem.snapshot import Floats
 
-COLOUR_MAPS = {"lambda3": "viridis", "stress": "RdBu_r"}
+COLOUR_MAPS = {"lambda3": "viridis", "stress": "RdBu_r", "contact": "YlOrRd"}
 
 COLOUR_LABELS = {
     "lambda3": r"thickness stretch $\lambda_3$",
     "stress": r"mean in-plane stress / $\mu_\mathrm{IOV}$",
+    "contact": r"contact force per reference area / $\mu_\mathrm{IOV}$",
 }
 
 
@@ -26,6 +27,9 @@ def colour_scale(quantity: str, values: Iterable[Mapping[str, Floats]]) -> Norma
         quantity: A key of `opticcup_fem.plots.body.QUANTITIES`.
         values: For each state the values of each layer.
     """
+    if quantity == "contact":  # on a small part of the surface, and in few states
+        largest = max((float(v.max()) for state in values for v in state.values()), default=0.0)
+        return Normalize(0.0, max(largest, 1e-3))
     limits = np.array(
         [np.nanpercentile(v, [1, 99]) for state in values for v in state.values() if v.size]
     )

@@ -96,6 +96,9 @@ def key_states(
     if len(states) > 1:
         why[len(states) - 1] = "end"
     t = np.array([state.t_n for state in states])
+    if np.any(np.diff(t) < 0):  # a path that goes back in t_n: times do not tell its states apart
+        shown = np.unique(np.linspace(0, len(states) - 1, most).round().astype(int)).tolist()
+        return [KeyState(states[k], why.get(k, "")) for k in shown]
     for item in sorted(events, key=lambda e: float(e["t_n"])):
         low, high = item.get("t_n_range", (item["t_n"], item["t_n"]))
         name = str(item["kind"]).replace("_", " ")

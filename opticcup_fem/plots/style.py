@@ -1,6 +1,6 @@
 """The one look of all pictures: colours that colour-blind readers can tell apart, field symbols."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import wraps
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
@@ -8,6 +8,9 @@ from typing import Any, ParamSpec, TypeVar
 import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from opticcup_fem.whole_files import replacing
 
 INK = "#222222"
 REFERENCE = "#8c8c8c"
@@ -38,6 +41,7 @@ SYMBOLS = {
     "D_over_r": r"invagination depth $D/r$",
     "lambda_iov": r"IOV thickness ratio $\lambda_\mathrm{IOV}$",
     "apex_height_over_R": r"apex height $c/R$",
+    **{f"interface_m{m}": rf"$m = {m}$ on the interface, amplitude$/R$" for m in range(2, 9)},
 }
 
 SETTINGS: dict[str, Any] = {
@@ -92,9 +96,18 @@ def layer_colour(layer: str, known: tuple[str, ...] = ()) -> str:
     return SPARE_COLOURS[place % len(SPARE_COLOURS)]
 
 
+def layer_handles(layers: Sequence[str]) -> list[Patch]:
+    """Return legend handles of layers in their order."""
+    known = tuple(layers)
+    return [
+        Patch(color=layer_colour(name, known), label=LAYER_LABELS.get(name, name)) for name in known
+    ]
+
+
 def save(figure: Figure, path: Path) -> Path:
     """Write a figure and return its path; the figure belongs to no window system."""
-    figure.savefig(path)
+    with replacing(path) as unfinished:
+        figure.savefig(unfinished, format=path.suffix[1:])
     return path
 
 

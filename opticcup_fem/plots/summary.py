@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
-from matplotlib.patches import Patch
 
 from opticcup_fem.plots import style
 from opticcup_fem.plots.curves import draw_path, mark_events
@@ -17,6 +16,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _NAMES = ("D_over_r", "lambda_iov")
+_VISIBLE = 0.02
+"""Amplitude (over R) of a wave on the interface that is shown."""
 
 
 @style.styled
@@ -33,7 +34,8 @@ def summary(run_dir: str | Path) -> Path:
     shown: list[KeyState] = []
     if (run_dir / SECTIONS).exists():
         shown = key_states(read_sections(run_dir), events)
-    figure = Figure(figsize=(9.0, 5.9 if shown else 3.8), layout="constrained")
+    width = 9.0 + 2.5 * len(_wave(path))
+    figure = Figure(figsize=(width, 5.9 if shown else 3.8), layout="constrained")
     if shown:
         upper, lower = figure.subfigures(2, 1, height_ratios=(1.65, 1.0))
         _draw_sections(lower, shown)
@@ -44,9 +46,10 @@ def summary(run_dir: str | Path) -> Path:
 
 
 def _draw_curves(figure: SubFigure, path: "pd.DataFrame", events: Sequence[dict[str, Any]]) -> None:
-    """Draw D/r and lambda_IOV side by side, the events' legend below both."""
-    panels = figure.subplots(1, 2)
-    for axes, name, colour in zip(panels, _NAMES, style.CURVES, strict=False):
+    """Draw D/r, lambda_IOV and a wave's amplitude side by side, the events' legend below."""
+    names = (*_NAMES, *_wave(path))
+    panels = figure.subplots(1, len(names))
+    for axes, name, colour in zip(panels, names, style.CURVES, strict=False):
         draw_path(axes, path, name, colour)
         mark_events(axes, path, name, events, style.INK)
         axes.set_xlim(left=0.0)
@@ -54,7 +57,17 @@ def _draw_curves(figure: SubFigure, path: "pd.DataFrame", events: Sequence[dict[
     panels[0].set_ylim(bottom=0.0)
     handles, labels = panels[0].get_legend_handles_labels()
     if handles:
-        figure.legend(handles, labels, loc="outside lower center", ncols=min(2, len(handles)))
+        figure.legend(
+            handles, labels, loc="outside lower center", ncols=min(len(names), len(handles))
+        )
+
+
+def _wave(path: "pd.DataFrame") -> tuple[str, ...]:
+    """Return the column of the largest wave on the interface of a cup that lost its symmetry."""
+    waves = [f"interface_m{m}" for m in range(2, 9) if f"interface_m{m}" in path]
+    if not waves or path[waves].max().max() < _VISIBLE:
+        return ()
+    return (str(path[waves].max().idxmax()),)
 
 
 def _draw_sections(figure: SubFigure, shown: Sequence[KeyState]) -> None:
@@ -74,11 +87,9 @@ def _draw_sections(figure: SubFigure, shown: Sequence[KeyState]) -> None:
     _scale_bar(panels[0], (boxes[0][1] + boxes[0][2]) / 2)
     part_layers = [part.layers for part in shown[0].state.sections[0].parts.values()]
     layers = tuple(dict.fromkeys(name for names in part_layers for name in reversed(names)))
-    patches = [
-        Patch(color=style.layer_colour(name, layers), label=style.LAYER_LABELS.get(name, name))
-        for name in layers
-    ]
-    figure.legend(handles=patches, loc="outside lower center", ncols=len(patches))
+    figure.legend(
+        handles=style.layer_handles(layers), loc="outside lower center", ncols=len(layers)
+    )
 
 
 def _scale_bar(axes: Axes, z: float) -> None:

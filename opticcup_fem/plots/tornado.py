@@ -34,7 +34,7 @@ def tornado(forecast: Forecast, out: Path) -> Path:
     """
     panels = [
         (forecast.times, "$t_n$ of the second event"),
-        (forecast.depths, "largest depth $D/r$"),
+        (forecast.depths, "largest depth $D/r$ of the round cup"),
     ]
     panels = [(effects, label) for effects, label in panels if effects]
     figure = Figure(figsize=(4.7 * max(len(panels), 1), 4.2), layout="constrained")

@@ -12,7 +12,6 @@ import numpy as np
 from matplotlib.colors import Normalize, to_hex
 
 from opticcup_fem.errors import CaseError
-from opticcup_fem.fields import replace_text
 from opticcup_fem.plots import style
 from opticcup_fem.plots.body import Shape, Surface, layer_surfaces
 from opticcup_fem.plots.curves import branches
@@ -20,6 +19,7 @@ from opticcup_fem.plots.page import UNSTABLE
 from opticcup_fem.plots.playback import Playback, load_playbacks
 from opticcup_fem.plots.scene_colours import COLOUR_LABELS, colour_map, colour_scale
 from opticcup_fem.records import VIEW
+from opticcup_fem.whole_files import replace_text
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
@@ -119,7 +119,7 @@ def _page(playback: Playback, kept: Sequence[int]) -> str:
         for k in kept
     ]
     _arrange(figure, playback, kept)
-    text: str = figure.to_html(include_plotlyjs=True, auto_play=False, default_height="96vh")
+    text: str = figure.to_html(include_plotlyjs=True, auto_play=False, default_height="94vh")
     return text
 
 
@@ -225,6 +225,7 @@ def _marker(playback: Playback, k: int) -> "go.Scatter":
         marker={"size": 12, "color": style.CURVES[0], "line": {"color": "white", "width": 1}},
         showlegend=False,
         hoverinfo="skip",
+        cliponaxis=False,
     )
 
 

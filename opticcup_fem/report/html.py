@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from jinja2 import Environment, StrictUndefined
 
-from opticcup_fem.fields import replace_text
 from opticcup_fem.report.figures.base import Drawn
+from opticcup_fem.whole_files import replace_text
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -64,5 +64,5 @@ def shown(value: Any) -> str:
     if value is None or value != value:
         return ""
     if isinstance(value, bool) or not hasattr(value, "__float__"):
-        return str(value)
+        return str(value).replace("+-", "±")
     return f"{float(value):.4g}"

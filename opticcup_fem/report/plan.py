@@ -153,27 +153,52 @@ def _readings_off() -> list[Planned]:
     ]
 
 
+_DEEPENING = (0.1, 0.36, 0.38, 0.4, 0.42, 0.44, 0.5)
+"""Normalised times of a cup whose apex sinks a second time: a smooth event lies between states."""
+
 SURFACE = (
-    (35.0, 14.0, 0.6),
-    (30.0, 14.0, 0.6),
-    (40.0, 7.0, 0.5),
-    (40.0, 10.0, 0.5),
-    (40.0, 16.0, 0.35),
-    (45.0, 14.0, 0.35),
+    (35.0, 14.0, (0.1, 0.6)),
+    (30.0, 14.0, (0.1, 0.6)),
+    (40.0, 7.0, _DEEPENING),
+    (40.0, 10.0, _DEEPENING),
+    (40.0, 16.0, (0.1, 0.35)),
+    (45.0, 14.0, (0.1, 0.35)),
 )
-"""(alpha in degrees, R/h, last t_n) of the cups that the surface model repeats, two a regime."""
+"""(alpha in degrees, R/h, times) of the cups that the surface model repeats, two a regime."""
 
 
 def _surface() -> list[Planned]:
     return [
-        planned(model="surface", alpha_deg=angle, ratio=ratio, t_end=t_end, times=(0.1, t_end))
-        for angle, ratio, t_end in SURFACE
+        planned(model="surface", alpha_deg=angle, ratio=ratio, t_end=times[-1], times=times)
+        for angle, ratio, times in SURFACE
     ]
+
+
+SLITS: dict[str, Any] = {
+    "ratios": [15.0, 14.0, 13.5, 13.0, 12.5, 12.0, 11.5],
+    "times": [0.31, 0.27, 0.35],
+    "before": 0.27,
+    "case": {
+        "mesh": {
+            "cell_size_cap": 0.33,
+            "cell_size_interface": 0.12,
+            "cell_size_oov": 0.3,
+            "symmetry": 4,
+        },
+    },
+}
+"""Parameters of ``studies.coexistence``, on a mesh of 616 cells with four mirror planes."""
+
+
+def _coexistence() -> list[Planned]:
+    settings = {"ratios": SLITS["ratios"], "mesh": "616 cells with mirror planes"}
+    return [Planned(settings, Task.of("coexistence", "coexistence", SLITS))]
 
 
 FINE = tuple(round(0.025 * k, 3) for k in range(1, 41))
 
 SETS: dict[str, Callable[[], list[Planned]]] = {
+    "coexistence": _coexistence,
     "surface": _surface,
     "chick": lambda: [planned(mass_change=on, times=FINE) for on in (True, False)],
     "slenderness": _grid,

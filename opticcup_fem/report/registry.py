@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from opticcup_fem.report.figures import cups, diagram, material, plates, readings
+from opticcup_fem.report.figures import coexistence, cups, diagram, material, plates, readings
 from opticcup_fem.report.figures.base import Drawn
 from opticcup_fem.report.results import Results
 
@@ -45,6 +45,7 @@ FIGURES: dict[str, Entry] = {
     "s6": Entry(("evagination", "evaginated", "poisson"), _plain(material.limits_figure)),
     "readings": Entry(("slenderness", "readings"), _plain(readings.readings_figure)),
     "mass-off": Entry(("no_mass", "readings_off"), _plain(readings.mass_figure)),
+    "coexistence": Entry(("coexistence", "slenderness"), _plain(coexistence.coexistence_figure)),
     "surface": Entry(("surface", "slenderness", "angles"), _plain(readings.surface_figure)),
 }
 """In the report's order."""

@@ -35,16 +35,20 @@ class Computed:
 
     @property
     def states(self) -> list[dict[str, Any]]:
-        """Return the states of a task ``layers``.
+        """The states of a task ``layers``; raises OpticCupError where it has none."""
+        return self._listed("states", "no output time was reached")
 
-        Raises:
-            OpticCupError: It has none.
-        """
-        states: list[dict[str, Any]] = self.record.get("states", [])
-        if not states:
-            reason = self.record.get("reason") or "no output time was reached"
-            raise OpticCupError(f"no states of the cup {self.settings}: {reason}")
-        return states
+    @property
+    def pairs(self) -> list[dict[str, Any]]:
+        """The pairs of a task ``coexistence``; raises OpticCupError where it has none."""
+        return self._listed("pairs", "none was asked for")
+
+    def _listed(self, name: str, otherwise: str) -> list[dict[str, Any]]:
+        found: list[dict[str, Any]] = self.record.get(name, [])
+        if not found:
+            reason = self.record.get("reason") or otherwise
+            raise OpticCupError(f"no {name} of the cup {self.settings}: {reason}")
+        return found
 
 
 @dataclass

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from opticcup_fem.shell.balance import Geometry, LayerSites, LayerStep
-from opticcup_fem.shell.model import Shell, ShellState
+from opticcup_fem.shell.model import ContactData, Shell, ShellState
 
 Array = NDArray[np.float64]
 CellArrays = dict[str, Array]
@@ -60,28 +60,44 @@ class Cellwise:
     def pack(self, state: ShellState) -> CellArrays:
         """Return a state as arrays over all cells on rank 0, {} elsewhere (collective).
 
-        Angles count about the edge run counter-clockwise round the cell.
+        Angles count about the edge run counter-clockwise round the cell.  Of contact data the
+        faces' offsets are packed, not the two numbers.
         """
         spaces, directors = self.shell.spaces, self.shell.directors
-        return self.gather(
-            {
-                "r": state.r[spaces.nodes],
-                "alpha": directors.per_cell(state.alpha) * spaces.edge_sign[:, :, None],
-                "director": directors.per_cell(state.director),
-                "kappa": state.kappa,
-                "sigma": state.sigma,
-            }
-        )
+        arrays = {
+            "r": state.r[spaces.nodes],
+            "alpha": directors.per_cell(state.alpha) * spaces.edge_sign[:, :, None],
+            "director": directors.per_cell(state.director),
+            "kappa": state.kappa,
+            "sigma": state.sigma,
+        }
+        if state.contact is not None:
+            arrays["offsets"] = state.contact.offsets[spaces.nodes]
+        return self.gather(arrays)
 
-    def unpack(self, arrays: CellArrays) -> ShellState:
-        """Return the state of arrays over all cells, which every rank has (collective)."""
+    def unpack(self, arrays: CellArrays, time: float = 0.0, touches: bool = False) -> ShellState:
+        """Return the state of arrays over all cells, which every rank has (collective).
+
+        Args:
+            arrays: What ``pack`` gave.
+            time: Normalised time of the obstacles, where there are ``offsets``.
+            touches: Whether anything touches, where there are ``offsets``.
+        """
         spaces = self.shell.spaces
         mine = {name: values[self._input] for name, values in arrays.items()}
-        r = np.zeros((spaces.n_nodes, 3))
-        r[spaces.nodes] = mine["r"]
+
+        def at_nodes(values: Array) -> Array:
+            nodal = np.zeros((spaces.n_nodes, *values.shape[2:]))
+            nodal[spaces.nodes] = values
+            return nodal
+
+        contact = None
+        if "offsets" in mine:
+            contact = ContactData(at_nodes(mine["offsets"]), time, touches)
         directors = self.shell.directors
         return ShellState(
-            r=r,
+            r=at_nodes(mine["r"]),
+            contact=contact,
             alpha=directors.from_cells(mine["alpha"] * spaces.edge_sign[:, :, None]),
             director=directors.from_cells(mine["director"]),
             kappa=mine["kappa"],

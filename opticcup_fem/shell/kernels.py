@@ -174,7 +174,7 @@ class Kernel:
         self.per_cell = self._corners if integral.on_edges else 1
         edges = "interval" if self._corners == 3 else "vertex"
         self._on_edges = {
-            c for c in form.coefficients() if c.ufl_element().cell.cellname() == edges
+            c for c in form.coefficients() if compat.cell_name(c.ufl_element()) == edges
         } | integral.edge_coefficients
         self.shape = tuple(_dimension(argument) for argument in form.arguments())
         all_coefficients = form.coefficients()

@@ -1,13 +1,13 @@
 r"""Kinds of loads on a shell, as data for one fixed set of forms (``external_work``).
 
-========================  ===========================================  ======================
-load                      virtual work                                 tangent of its work
-========================  ===========================================  ======================
-``EdgeMoment`` m          - int m s d(alpha) dS_ref                    none (dead)
-``EdgeForce`` f           int f . dr dS_ref                            none (dead)
-``SurfaceForce`` f        int f . dr dA_ref                            none (dead)
-``Pressure`` p            int p n . dr dA = int p (r_,1 x r_,2) . dr   follower, see the class
-========================  ===========================================  ======================
+========================  ===============================================  ======================
+load                      virtual work                                     tangent of its work
+========================  ===============================================  ======================
+``EdgeMoment`` m          ``- int m s d(alpha) dS_ref``                    none (dead)
+``EdgeForce`` f           ``int f . dr dS_ref``                            none (dead)
+``SurfaceForce`` f        ``int f . dr dA_ref``                            none (dead)
+``Pressure`` p            ``int p n . dr dA = int p (r_,1 x r_,2) . dr``   follower, see the class
+========================  ===============================================  ======================
 
 Signs: pressure acts along n, so that p > 0 inside a closed shell inflates it; a positive edge
 moment turns the edge towards n and so makes b_nunu, and M_nunu = m at a free edge, positive.

@@ -19,6 +19,8 @@ from dolfinx import fem
 from dolfinx import mesh as dmesh
 from numpy.typing import NDArray
 
+from opticcup_fem.compat import cell_corners
+
 Array = NDArray[np.float64]
 Index = NDArray[np.int32]
 
@@ -89,7 +91,7 @@ class ShellSpaces:
         """Tabulate frames and gradients of the flat cells."""
         x = self.mesh.geometry.x
         self.coordinates = np.ascontiguousarray(
-            x[self.mesh.geometry.dofmap[: self.n_cells]], dtype=np.float64
+            x[cell_corners(self.mesh)[: self.n_cells]], dtype=np.float64
         )
         corners = self.coordinates
         jacobian = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=-1)

@@ -11,6 +11,7 @@ from mpi4py import MPI
 import numpy as np
 from dolfinx import la
 from numpy.typing import NDArray
+from scipy.linalg import qr
 
 from opticcup_fem.errors import MeshError
 from opticcup_fem.shell.curves import curve_edges
@@ -72,6 +73,28 @@ def rigid_modes_of_cup(shell: Shell) -> Mask:
         shell,
         [((0.0, 0.0, -radius), "xyz"), ((0.0, 0.0, radius), "xy"), (side, "y")],
     )
+
+
+def rigid_modes(shell: Shell) -> Mask:
+    """Hold the six rigid motions of any shell that floats freely, with no reaction (collective).
+
+    Six components of nodes far apart, those that a pivoted QR factorisation of the rigid motions
+    chooses: no motion is held by a short lever.
+    """
+    owned = shell.spaces.position.dofmap.index_map.size_local
+    parts = shell.comm.gather(shell.reference[:owned])
+    held: list[tuple[tuple[float, float, float], str]] | None = None
+    if parts is not None:
+        # sorted, so that the choice does not depend on the ranks
+        places = np.concatenate(parts)
+        places = places[np.lexsort(np.round(places, 9).T)]
+        arms = places - places.mean(axis=0)
+        turns = [np.cross(axis, arms) for axis in np.eye(3)]
+        shifts = [np.broadcast_to(axis, arms.shape) for axis in np.eye(3)]
+        motions = np.stack([*shifts, *turns]).reshape(6, -1)
+        pivots = qr(motions, mode="r", pivoting=True)[1][:6]
+        held = [(tuple(places[one // 3].tolist()), "xyz"[one % 3]) for one in pivots]
+    return held_components(shell, shell.comm.bcast(held))
 
 
 def _interface_point(shell: Shell) -> tuple[float, float, float]:

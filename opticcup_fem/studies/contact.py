@@ -84,6 +84,17 @@ class TouchWatch:
             self._meter = TouchMeter(snapshot, EXEMPT * self._h)
         return self._meter(snapshot)
 
+    def begin(self, point: PathPoint, snapshot: Snapshot | None) -> None:
+        """Take a state behind which the path goes on (collective).
+
+        Args:
+            point: The state.
+            snapshot: The same on rank 0.
+        """
+        if snapshot is not None:
+            self.nearest = self.measure(snapshot)
+        self._last, self._gap = point, self._on_root(self.nearest)
+
     def see(self, point: PathPoint, snapshot: Snapshot | None) -> dict[str, Any] | None:
         """Look at an accepted state (collective).
 
@@ -94,24 +105,23 @@ class TouchWatch:
         Returns:
             On every rank fields of the first touch, ``t_n`` among them, when it has happened.
         """
-        if snapshot is not None:
-            self.nearest = self.measure(snapshot)
-        gap = self._on_root(self.nearest)
-        touch = None
-        if gap is not None and gap <= 0 and not self._touched:
-            self._touched = True
-            touch = self._localised(point, gap)
-        self._last, self._gap = point, gap
-        return touch
+        low, low_gap = self._last, self._gap
+        self.begin(point, snapshot)
+        if self._gap is None or self._gap > 0 or self._touched:
+            return None
+        self._touched = True
+        return self._localised(low, low_gap, point, self._gap)
 
     def _on_root(self, nearest: Nearest | None) -> float | None:
         """Return on every rank the gap over h, less where touch begins, that rank 0 knows."""
         gap = None if nearest is None else nearest.gap / self._h - self._reach
         return self._shell.comm.bcast(gap)
 
-    def _localised(self, point: PathPoint, gap: float) -> dict[str, Any]:
-        """Return the fields of the touch between the last state and this one (collective)."""
-        low, low_gap, high, found = self._last, self._gap, point, self.nearest
+    def _localised(
+        self, low: PathPoint | None, low_gap: float | None, point: PathPoint, gap: float
+    ) -> dict[str, Any]:
+        """Return the fields of the touch between two states and their gaps (collective)."""
+        high, found = point, self.nearest
         if low is not None and not high.jump and isinstance(self._stepping, LoadStepping):
             for _ in range(MOST_SOLVES):
                 if abs(gap) < CLOSE_ENOUGH:
@@ -130,7 +140,10 @@ class TouchWatch:
                     high, gap, found = middle, middle_gap, nearest
         self._shell.set_time(point.t_n)
         start = high.t_n if low is None else low.t_n
-        fields: dict[str, Any] = {"t_n": high.t_n, "t_n_range": [start, high.t_n]}
+        t_n = high.t_n
+        if low_gap is not None and not high.jump:
+            t_n = start + low_gap / (low_gap - gap) * (high.t_n - start)
+        fields: dict[str, Any] = {"t_n": t_n, "t_n_range": [start, high.t_n]}
         if found is not None:
             fields |= found.describe(self._alpha)
         return fields

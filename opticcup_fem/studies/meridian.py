@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,8 @@ import numpy as np
 
 from opticcup_fem.case import Case, case_to_toml
 from opticcup_fem.case.checks import require_axisymmetric, require_perfect
-from opticcup_fem.errors import ClosureBreakdown, OpticCupError
+from opticcup_fem.checkpoint import Checkpoint
+from opticcup_fem.errors import CaseError, ClosureBreakdown, InterruptedRun, OpticCupError
 from opticcup_fem.events import Event, event
 from opticcup_fem.meridian.contact import self_crossing
 from opticcup_fem.meridian.crossings import Crossing, crossings
@@ -29,9 +31,11 @@ from opticcup_fem.meridian.transport import balance_columns, meridian_balance
 from opticcup_fem.meridian.waves import Waves
 from opticcup_fem.records import AZIMUTHS, RunFolder
 from opticcup_fem.sampling import azimuths
+from opticcup_fem.shell.tissue import Tissue
 from opticcup_fem.studies.curvature import cap_curvature_of_run
-from opticcup_fem.studies.model import balance_laws_of, growth_of, sections_of
-from opticcup_fem.studies.outcome import RunSummary, on_root
+from opticcup_fem.studies.interruption import StopSignals, checkpoint_of
+from opticcup_fem.studies.model import balance_laws_of, remarks_on, tissue_of
+from opticcup_fem.studies.outcome import RunSummary, on_root, written
 from opticcup_fem.studies.progress import Progress, sentence
 from opticcup_fem.versions import versions
 
@@ -56,62 +60,85 @@ def profile_of(case: Case) -> Profile:
     return kind(shape.opening_angle)
 
 
-def shell_of(case: Case) -> MeridianShell:
-    """Return the axisymmetric shell of a case."""
-    mesh, sections = MeridianMesh(profile_of(case), grading_of(case)), sections_of(case)
-    laws = growth_of(case)
-    shell = MeridianShell(
-        mesh, {name: sections[name] for name in mesh.region}, laws, case.material.closure
-    )
-    balances = balance_laws_of(case)
+def shell_of(case: Case, tissue: Tissue | None = None) -> MeridianShell:
+    """Return the axisymmetric shell of a case, of another tissue if one is given."""
+    mesh, own = MeridianMesh(profile_of(case), grading_of(case)), tissue or tissue_of(case)
+    sections = {name: own.sections[name] for name in mesh.region}
+    shell = MeridianShell(mesh, sections, own.laws, case.material.closure)
+    balances = balance_laws_of(case) if tissue is None else {}
     if balances:
         meridian_balance(shell, balances, case.mass.tolerance)
     return shell
 
 
-def path_of(case: Case) -> MeridianPath:
+def path_of(case: Case, tissue: Tissue | None = None) -> MeridianPath:
     """Return the path of a case, with the stability in m = 0 .. run.max_wavenumber."""
-    shell = shell_of(case)
+    shell = shell_of(case, tissue)
     return MeridianPath(shell, Waves(shell, tuple(range(case.run.max_wavenumber + 1))))
 
 
 def run(
-    case: Case, out_dir: Path, *, quiet: bool = False, comm: MPI.Comm | None = None
+    case: Case,
+    out_dir: Path,
+    *,
+    quiet: bool = False,
+    comm: MPI.Comm | None = None,
+    tissue: Tissue | None = None,
+    resume: bool = False,
 ) -> RunSummary:
     """Follow the path of a case from t_n = 0 to run.t_end on rank 0 (collective).
+
+    An interrupted run, which takes seconds, starts again when it is resumed.
 
     Args:
         case: The case.
         out_dir: The run folder; an earlier run's records in it are replaced.
         quiet: No progress bar.
         comm: MPI communicator, all ranks by default.
+        tissue: Layers and growth in place of the case's; laws are functions of place and time.
+        resume: The folder holds an interrupted run of this case.
 
     Raises:
-        CaseError: The shell has an imperfection or is not axisymmetric, or the folder cannot be
-            written.
+        CaseError: The shell has an imperfection or is not axisymmetric, the folder cannot be
+            written or is in use, there is nothing to resume, or a tissue is to be resumed.
+        InterruptedRun: SIGINT or SIGTERM arrived.
+        RecordError: The records could not be written; what was written before is kept.
     """
     require_perfect(case, 'run.model = "meridian" is')
     require_axisymmetric(case, 'run.model = "meridian" is')
     comm = comm or MPI.COMM_WORLD
-    summary: RunSummary | None = on_root(comm, lambda: _run(case, out_dir, quiet))
+    if resume and tissue is not None:
+        raise CaseError("a run with layers or growth from Python is not resumed: run it again")
+    if resume:
+        checkpoint_of(case, out_dir, comm)
+    with StopSignals(MPI.COMM_SELF) as stop:
+        summary: RunSummary | None = on_root(comm, lambda: _run(case, out_dir, quiet, stop, tissue))
     shared: RunSummary = comm.bcast(summary)
     return shared
 
 
-def _run(case: Case, out_dir: Path, quiet: bool) -> RunSummary:
+def _run(
+    case: Case, out_dir: Path, quiet: bool, stop: StopSignals, tissue: Tissue | None
+) -> RunSummary:
     progress = Progress(case.run.t_end, shown=not quiet)
-    recorder = MeridianRecorder(case, out_dir)
-    with progress.running():
-        with progress.phase("compiling kernels"):
-            path = path_of(case)
-        path.count_iterations(progress.iteration)
-        recorder.begin(path)
-        for point in path.follow(case.run.t_end, case.output.times):
-            recorder.accept(point)
-            progress.step(point.t_n)
-        failure = path.failure()
-        with progress.phase("localising events"):
-            events = recorder.finish(failure)
+    recorder = MeridianRecorder(case, out_dir, remarks_on(tissue))
+    try:
+        with written(out_dir), progress.running():
+            with progress.phase("compiling kernels"):
+                path = path_of(case, tissue)
+            path.count_iterations(progress.iteration)
+            recorder.begin(path)
+            for point in path.follow(case.run.t_end, case.output.times):
+                recorder.accept(point)
+                progress.step(point.t_n)
+                if received := stop.received():
+                    folder = str(out_dir) if tissue is None else ""
+                    raise InterruptedRun(received, point.t_n, folder)
+            failure = path.failure()
+            with progress.phase("localising events"):
+                events = recorder.finish(failure)
+    finally:
+        recorder.folder.close()
     lines = [sentence(one) for one in events if one.get("followed", True)]
     if failure is not None:
         lines.append(str(failure))
@@ -131,14 +158,16 @@ class MeridianRecorder:
         touched: Whether the followed part has come to cross itself.
     """
 
-    def __init__(self, case: Case, out_dir: Path) -> None:
-        """Open the folder.
+    def __init__(self, case: Case, out_dir: Path, remarks: Mapping[str, str]) -> None:
+        """Open the folder, whose case.toml shall begin with the ``remarks`` too.
 
         Raises:
             CaseError: The folder cannot be written.
         """
         self.case = case
-        self.folder = RunFolder(out_dir, case_to_toml(case, versions()), overwrite=True)
+        text = case_to_toml(case, {**versions(), **remarks})
+        beginning = None if remarks else Checkpoint(case.model_dump_json())
+        self.folder = RunFolder(out_dir, text, overwrite=True, beginning=beginning)
         self.rows: list[dict[str, Any]] = []
         self.points: list[MeridianPoint] = []
         self._recorded: list[Event] = []
@@ -229,13 +258,13 @@ class MeridianRecorder:
         self.folder.write_events(events)
         if found:
             self._write_modes(found)
-        self.folder.close()
         if self.case.output.picture and len(self.rows) > 1:
             from opticcup_fem.plots.bifurcation import bifurcation
             from opticcup_fem.plots.summary import summary
 
             summary(self.folder.path)
             bifurcation(self.folder.path)
+        self.folder.finish()
         return events
 
     def _kappa(self, t_n: float) -> float:

@@ -32,6 +32,7 @@ from opticcup_fem.shell.imperfection import Imperfection, draw_imperfection
 from opticcup_fem.shell.model import Shell
 from opticcup_fem.shell.section import Layer, Section
 from opticcup_fem.shell.supports import free, rigid_modes_of_cup
+from opticcup_fem.shell.tissue import Tissue
 from opticcup_fem.stimulus import GROWTH, NO_MASS, stimulus_of
 from opticcup_fem.studies.contact import contact_of
 from opticcup_fem.studies.stability import critical_points_of
@@ -119,6 +120,16 @@ def balance_laws_of(case: Case) -> dict[str, BalanceLaw]:
     return laws
 
 
+def tissue_of(case: Case) -> Tissue:
+    """Return layers and growth of a case, to run it with others in their place."""
+    return Tissue(sections_of(case), growth_of(case))
+
+
+def remarks_on(tissue: Tissue | None) -> dict[str, str]:
+    """Return what the record of a case must say of a tissue that is not the case's."""
+    return {} if tissue is None else {"layers and growth:": "given from Python, not those below"}
+
+
 def imperfection_of(case: Case) -> Imperfection | None:
     """Return the imperfection of a case, lengths in R; None for a perfect shell."""
     keys = case.imperfection
@@ -144,19 +155,21 @@ def mesh_of(case: Case, comm: MPI.Comm) -> SurfaceMesh:
         mesh.cell_size_oov,
         seed=mesh.seed,
         comm=comm,
+        symmetry=mesh.symmetry,
     )
 
 
-def shell_of(case: Case, comm: MPI.Comm) -> Shell:
-    """Return the shell of a case (collective)."""
+def shell_of(case: Case, comm: MPI.Comm, tissue: Tissue | None = None) -> Shell:
+    """Return the shell of a case, of another tissue if one is given (collective)."""
+    own = tissue or tissue_of(case)
     shell = Shell(
         mesh_of(case, comm),
-        sections_of(case),
-        growth_of(case),
+        own.sections,
+        own.laws,
         case.material.closure,
         imperfection=imperfection_of(case),
     )
-    laws = balance_laws_of(case)
+    laws = balance_laws_of(case) if tissue is None else {}
     if laws:
         surface_balance(shell, laws, case.mass.tolerance)
     return shell
@@ -188,4 +201,6 @@ def stepping_of(case: Case, shell: Shell) -> Stepping:
         wavenumber = case.run.switch_wavenumber
         return LoadStepping(problem, newton, relaxation, control, critical, wavenumber)
     stem = AxisymmetricStepping(problem, newton, relaxation, control, critical)
-    return stem if case.run.follow == "axisymmetric" else BranchStepping(stem, BranchPath(problem))
+    if case.run.follow == "axisymmetric":
+        return stem
+    return BranchStepping(stem, BranchPath(problem, critical))

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TypeVar
 
 from mpi4py import MPI
 
-from opticcup_fem.errors import OpticCupError
+from opticcup_fem.errors import OpticCupError, RecordError
 from opticcup_fem.events import Event
 
 T = TypeVar("T")
@@ -30,6 +32,22 @@ class RunSummary:
     message: str
     events: list[Event]
     rows: int
+
+
+@contextmanager
+def written(folder: Path) -> Iterator[None]:
+    """Say in one sentence that the records of a run cannot be written.
+
+    Raises:
+        RecordError: They cannot.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise RecordError(
+            f"{folder} cannot be written ({error.strerror or error}); what was written before is "
+            f"kept: make room and go on with: opticcup run --resume {folder}"
+        ) from error
 
 
 def on_root(comm: MPI.Comm, make: Callable[[], T]) -> T | None:

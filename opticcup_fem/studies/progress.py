@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from typing import Any
 
 from rich.console import Console
@@ -39,7 +39,7 @@ class Progress:
     @contextmanager
     def running(self) -> Iterator[None]:
         """Show the bar inside the context."""
-        with self._bar:
+        with nullcontext() if self._bar.disable else self._bar:  # a silent one prints a line
             yield
 
     @contextmanager

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from opticcup_fem.case import Case, case_to_toml
+from opticcup_fem.checkpoint import Checkpoint
 from opticcup_fem.contact.report import ContactReport
 from opticcup_fem.contact.touch import Nearest
 from opticcup_fem.crossing import Crossing, surface_check
@@ -75,6 +76,7 @@ class Recorder:
         out_dir: Path,
         progress: Progress,
         resumed: Mapping[str, Any] | None = None,
+        remarks: Mapping[str, str] | None = None,
     ) -> None:
         """Open the folder.
 
@@ -83,6 +85,8 @@ class Recorder:
             out_dir: The run folder.
             progress: Where events are announced.
             resumed: What ``present`` gave when the run in the folder could last be resumed.
+            remarks: What case.toml shall begin with, beside the versions; such a run is not the
+                case's, and nobody can go on with it from its folder.
 
         Raises:
             CaseError: The folder cannot be written, or is in use.
@@ -103,8 +107,9 @@ class Recorder:
             self.recorded = [dict(one) for one in resumed["recorded"]]
             self._announced = set(resumed["announced"])
             self._last_sectioned = bool(resumed["last_sectioned"])
-        text = case_to_toml(case, versions())
-        self.folder = RunFolder(out_dir, text, overwrite=True, resumed=written)
+        text = case_to_toml(case, {**versions(), **(remarks or {})})
+        beginning = None if remarks else Checkpoint(case.model_dump_json())
+        self.folder = RunFolder(out_dir, text, overwrite=True, resumed=written, beginning=beginning)
         self._has_modes = written is not None and written.critical > 0
         if resumed is not None:
             self.folder.write_events(self.events())
@@ -145,9 +150,7 @@ class Recorder:
             and the run is to end there.  The state is then not a row.
         """
         contact = contact or ContactNumbers()
-        if self._observer is None:
-            self._observer = Observer(snapshot)
-            self._check, self._subdivision = surface_check(snapshot)
+        self._prepare(snapshot)
         if contact.report is not None:
             snapshot = replace(snapshot, contact_traction=contact.report.traction(snapshot))
         row = self._row(snapshot, numbers) | self._contact_columns(snapshot, contact)
@@ -157,7 +160,7 @@ class Recorder:
             if table.mode == "stop" and table.stop_at == "thickness":
                 return False
         if self.case.contact.mode != "off":
-            crossing = self._check(self._subdivision.matrix @ snapshot.position)
+            crossing = self._crossing(snapshot)
             if crossing is not None:
                 self._end_in_contact(row, crossing)
                 return False
@@ -169,6 +172,27 @@ class Recorder:
         self._note_events()
         self.progress.step(snapshot.t_n)
         return True
+
+    def ends_crossed(self, snapshot: Snapshot) -> bool:
+        """Record where a way down that came to no rest has crossed itself, and return whether.
+
+        What a surface does beyond that is nothing that a tissue would do: its contact is the end.
+        """
+        self._prepare(snapshot)
+        crossing = self._crossing(snapshot)
+        if crossing is not None:
+            numbers = StateNumbers(True, 0, None, float("nan"), float("nan"))
+            self._end_in_contact(self._row(snapshot, numbers), crossing)
+        return crossing is not None
+
+    def _prepare(self, snapshot: Snapshot) -> None:
+        """Make what depends on the mesh alone, once."""
+        if self._observer is None:
+            self._observer = Observer(snapshot)
+            self._check, self._subdivision = surface_check(snapshot)
+
+    def _crossing(self, snapshot: Snapshot) -> Crossing | None:
+        return self._check(self._subdivision.matrix @ snapshot.position)
 
     def critical(self, point: CriticalPoint, snapshot: Snapshot, motion: Floats) -> None:
         """Record a critical point: its event, and its mode for ParaView and for the picture.
@@ -183,6 +207,7 @@ class Recorder:
             "t_n_range": list(point.t_n_range),
             "eigenvalue": point.mode.eigenvalue,
             "eigenvalues": list(point.eigenvalues),
+            "row": len(self.rows),
         }
         if point.kind == "limit_point":
             kind, how = "limit_point", "fold"
@@ -191,6 +216,8 @@ class Recorder:
         self.recorded.append(event(kind, how, point.t_n, self._kappa(point.t_n), **fields))
         if self.case.output.fields:
             self.folder.write_mode_fields(snapshot, motion)
+        if self.case.run.follow == "branch":  # output.times do not tell its states apart
+            self.folder.write_sections(snapshot)
         if self._reordering is not None:
             snapshot, motion = self._ordered(snapshot), self._reordering.at_nodes(motion)
         mode = CriticalMode(point.t_n, kind, snapshot, motion, point.content)
@@ -202,12 +229,15 @@ class Recorder:
         self.recorded.append(event("closure_breakdown", closure, t_n, self._kappa(t_n), **fields))
 
     def finish(self) -> list[Event]:
-        """Write events, last sections and the picture; return the events."""
+        """Write events, last sections and the picture; return the events.
+
+        Raises:
+            OSError: There is no room for them; the run can still be resumed.
+        """
         if self._last is not None and not self._last_sectioned:
             self.folder.write_sections(self._last)
         events = self.events()
         self.folder.write_events(events)
-        self.folder.close()
         if self.case.output.picture and len(self.rows) > 1:
             from opticcup_fem.plots.summary import summary
 
@@ -216,6 +246,7 @@ class Recorder:
                 from opticcup_fem.plots.critical import critical
 
                 critical(self.folder.path)
+        self.folder.finish()
         return events
 
     def events(self) -> list[Event]:
@@ -258,6 +289,7 @@ class Recorder:
     def _note_touch(self, touch: dict[str, Any]) -> None:
         """Record where faces first met."""
         fields = {key: value for key, value in touch.items() if key != "t_n"}
+        fields["row"] = len(self.rows)
         t_n = float(touch["t_n"])
         self.recorded.append(event("self_contact", "thickness", t_n, self._kappa(t_n), **fields))
         self.progress.event(self.recorded[-1])
@@ -288,7 +320,8 @@ class Recorder:
         shown = detect_events([*self.rows, row], self.recorded, curvature=self._kappa)
         known = {one["kind"] for one in self.recorded}
         self.recorded += [one for one in shown if one["kind"] == "symmetry_breaking" not in known]
-        contact = event("self_contact", "mid-surface", t_n, self._kappa(t_n), **crossing.describe())
+        where = {**crossing.describe(), "row": len(self.rows)}
+        contact = event("self_contact", "mid-surface", t_n, self._kappa(t_n), **where)
         self.recorded.append(contact)
         for one in self.recorded:
             if one["type"] != "thickness":  # announced when it happened

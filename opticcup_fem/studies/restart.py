@@ -1,59 +1,27 @@
-"""How a surface run is stopped without loss, and goes on."""
+"""How a surface run saves what its path depends on, and goes on from there."""
 
 from __future__ import annotations
 
-import signal
-import threading
 from collections.abc import Iterator
 from pathlib import Path
-from types import FrameType, TracebackType
-from typing import Any, Self
+from typing import Any
 
 from mpi4py import MPI
 
 from opticcup_fem.case import Case
-from opticcup_fem.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
-from opticcup_fem.equilibrium.path import LoadStepping, PathPoint, SteppingState
+from opticcup_fem.checkpoint import Checkpoint, write_checkpoint
+from opticcup_fem.equilibrium.branch import BranchState, BranchStepping
+from opticcup_fem.equilibrium.path import PathPoint, SteppingState
 from opticcup_fem.errors import CaseError, RecordError
 from opticcup_fem.shell.cellwise import Cellwise
-from opticcup_fem.shell.model import Shell
+from opticcup_fem.shell.model import Shell, ShellState
 from opticcup_fem.shell.recovery import capture
+from opticcup_fem.studies.contact import TouchWatch
 from opticcup_fem.studies.model import Stepping
-from opticcup_fem.studies.outcome import on_root
 from opticcup_fem.studies.recorder import Recorder
 
-
-def resumable(case: Case) -> bool:
-    """Return whether a checkpoint holds all that a run depends on.
-
-    Contact that is resisted has data of its own, and other paths than the stable one a history.
-    """
-    return case.run.follow == "stable" and case.contact.mode != "resist"
-
-
-def read_for(case: Case, folder: Path, comm: MPI.Comm) -> Checkpoint:
-    """Return the checkpoint of a case's run on every rank (collective).
-
-    Raises:
-        CaseError: There is none that can be used for this case.
-    """
-
-    def read() -> Checkpoint:
-        if not resumable(case):
-            raise CaseError(
-                f'{folder}: a run with run.follow = "{case.run.follow}" and contact.mode = '
-                f'"{case.contact.mode}" cannot be resumed: run its case again'
-            )
-        saved = read_checkpoint(folder)
-        if saved.case != case.model_dump_json():
-            raise CaseError(
-                f"{folder} holds the run of another case: resume it without a case, or run this "
-                "case in another folder"
-            )
-        return saved
-
-    found: Checkpoint = comm.bcast(on_root(comm, read))
-    return found
+Present = SteppingState | BranchState
+"""All that a path beyond an accepted point depends on."""
 
 
 class Restart:
@@ -67,14 +35,18 @@ class Restart:
         """Take the parts of a run (collective)."""
         self._case, self._folder, self._shell, self._stepping = case, folder, shell, stepping
         self._cellwise = Cellwise(shell)
-        self.possible = resumable(case)
+        self._saved: Present | None = None
+        self.possible = True
 
-    def follow(self, saved: Checkpoint | None, recorder: Recorder | None) -> Iterator[PathPoint]:
+    def follow(
+        self, saved: Checkpoint | None, recorder: Recorder | None, watch: TouchWatch | None
+    ) -> Iterator[PathPoint]:
         """Yield the points of the path, those behind the checkpoint if there is one (collective).
 
         Args:
             saved: The checkpoint, None for a run from its beginning.
             recorder: The records, on rank 0.
+            watch: Looks for the first touch, if one is looked for.
 
         Raises:
             CaseError: The checkpoint belongs to another mesh.
@@ -90,18 +62,20 @@ class Restart:
             recorder.order_cells(snapshot, self._cellwise.order)
             if resumed is not None:
                 recorder.continue_from(snapshot)
-        if resumed is None:
-            return stepping.follow(first, run.t_end, times)
-        assert isinstance(stepping, LoadStepping)
+        if resumed is not None and watch is not None:
+            watch.begin(resumed.point, snapshot)
+        if isinstance(stepping, BranchStepping):
+            return stepping.follow(first, run.t_end, times, resumed=resumed)
+        assert not isinstance(resumed, BranchState)
         return stepping.follow(first, run.t_end, times, resumed=resumed)
 
     def save(self, recorder: Recorder | None) -> None:
-        """Write the checkpoint of the last point (collective)."""
-        if not self.possible or not isinstance(self._stepping, LoadStepping):
-            return
+        """Write the checkpoint of the last point that the path can go on from (collective)."""
         present = self._stepping.present
-        assert present is not None
-        states = tuple(self._cellwise.pack(state) for _, state in present.states)
+        if not self.possible or present is None or present is self._saved:
+            return
+        self._saved = present
+        states = tuple(self._cellwise.pack(state) for state in _states(present))
         balance = self._cellwise.pack_balance()
         if recorder is not None and recorder.failed is None:
             numbers = {**_numbers(present), "records": recorder.present()}
@@ -110,7 +84,7 @@ class Restart:
             with recorder.noting_failures():
                 write_checkpoint(self._folder, Checkpoint(case, numbers, states, corners, balance))
 
-    def _restored(self, saved: Checkpoint) -> SteppingState:
+    def _restored(self, saved: Checkpoint) -> Present:
         """Return what the path goes on from (collective)."""
         if not self._cellwise.fits(saved.corners):
             raise CaseError(
@@ -121,28 +95,61 @@ class Restart:
         if self._shell.balance is not None:
             known = numbers["balance"]
             self._cellwise.unpack_balance(dict(saved.balance), known["t_n"], known["steps"])
-        states = [self._cellwise.unpack(dict(arrays)) for arrays in saved.states]
-        point = PathPoint(state=states[-1], **numbers["point"])
+        states = [
+            self._cellwise.unpack(dict(arrays), **contact)
+            for arrays, contact in zip(saved.states, numbers["contact"], strict=True)
+        ]
+        if "arc" in numbers:
+            state, along, *before = states
+            return BranchState(
+                PathPoint(state=state, **numbers["point"]),
+                numbers["accepted"],
+                state,
+                along,
+                before[0] if before else None,
+                tuple(numbers["arc"]),
+                tuple(numbers["arc_before"]) if before else None,
+                numbers["count"],
+            )
         return SteppingState(
-            point,
+            PathPoint(state=states[-1], **numbers["point"]),
             numbers["accepted"],
             numbers["dt"],
-            tuple(zip(numbers["times"], states, strict=True)),
+            tuple(zip(numbers["times"], states, strict=False)),
             numbers["blocked"],
         )
 
 
-def _numbers(present: SteppingState) -> dict[str, Any]:
-    """Return the numbers of a state of the stepping, its critical points excepted."""
+def _states(present: Present) -> list[ShellState]:
+    """Return the states that a path depends on; on a stem the last one is its last point's."""
+    if isinstance(present, BranchState):
+        states = [present.state, present.along]
+        return states if present.before is None else [*states, present.before]
+    states = [state for _, state in present.states]
+    last = present.point.state
+    return states if states[-1] is last else [*states, last]
+
+
+def _numbers(present: Present) -> dict[str, Any]:
+    """Return the numbers that a path depends on, critical points of its last point excepted."""
     point = present.point
     names = ("t_n", "jump", "negative_eigenvalues", "iterations", "residual", "energy")
-    return {
+    numbers: dict[str, Any] = {
         "point": {name: getattr(point, name) for name in names},
         "accepted": present.accepted,
-        "dt": present.dt,
-        "times": [t_n for t_n, _ in present.states],
-        "blocked": present.blocked,
+        "contact": [_contact_numbers(state) for state in _states(present)],
     }
+    if isinstance(present, BranchState):
+        arcs = {"arc": present.numbers, "arc_before": present.numbers_before}
+        return {**numbers, **arcs, "count": present.count}
+    times = [t_n for t_n, _ in present.states]
+    return {**numbers, "dt": present.dt, "times": times, "blocked": present.blocked}
+
+
+def _contact_numbers(state: ShellState) -> dict[str, Any]:
+    """Return the numbers of a state's contact data, {} where it has none."""
+    data = state.contact
+    return {} if data is None else {"time": data.time, "touches": data.touches}
 
 
 def _balance_numbers(shell: Shell) -> dict[str, Any]:
@@ -173,42 +180,3 @@ def require_written(
             f"{folder}: the state at t_n = {point.t_n:.6g} cannot be written ({reason}); what was "
             f"written before is kept: make room and go on with: opticcup run --resume {folder}"
         ) from failed
-
-
-class StopSignals:
-    """Notes SIGINT and SIGTERM instead of stopping at once; the second one stops at once."""
-
-    def __init__(self, comm: MPI.Comm) -> None:
-        """Take the ranks that stop together."""
-        self._comm, self._mine = comm, 0
-        self._before: dict[int, Any] = {}
-
-    def __enter__(self) -> Self:
-        """Begin to note."""
-        if threading.current_thread() is threading.main_thread():
-            for number in (signal.SIGINT, signal.SIGTERM):
-                self._before[number] = signal.signal(number, self._note)
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Let signals do what they did before."""
-        self._restore()
-
-    def received(self) -> int:
-        """Return the signal that any rank has received, 0 for none (collective)."""
-        number: int = self._comm.allreduce(self._mine, op=MPI.MAX)
-        return number
-
-    def _note(self, number: int, frame: FrameType | None) -> None:
-        self._mine = number
-        self._restore()
-
-    def _restore(self) -> None:
-        for number, handler in self._before.items():
-            signal.signal(number, handler)
-        self._before = {}

@@ -11,6 +11,7 @@ from opticcup_fem.events import Event
 from opticcup_fem.records import read_events, read_path
 from opticcup_fem.studies import cup
 from tests.support.cups import coarse_case
+from tests.support.series import FIELDS, MODES, area, read_series
 
 pytestmark = [pytest.mark.mpi, pytest.mark.slow]
 
@@ -32,6 +33,7 @@ def largest_difference(folder: Path, **case: float) -> float:
     difference = np.abs(one - other).max(axis=0)
     print(dict(zip(columns, difference, strict=True)))
     check_events(*(read_events(folder / name) for name in ("together", "alone")))
+    check_series(folder / "together", folder / "alone")
     return float(difference.max())
 
 
@@ -43,6 +45,20 @@ def check_events(together: list[Event], alone: list[Event]) -> None:
         assert one.get("wavenumber") == other.get("wavenumber")
         for key in {"purity", "eigenvalue", "eigenvalues"} & set(other):
             assert one[key] == pytest.approx(other[key], rel=1e-4), key
+
+
+def check_series(together: Path, alone: Path) -> None:
+    """ParaView opens the fields and modes of both, and draws the same surfaces."""
+    for name in (FIELDS, MODES):
+        assert (together / name).exists() == (alone / name).exists()
+        if not (alone / name).exists():
+            continue
+        one, other = read_series(together, name), read_series(alone, name)
+        assert list(one) == pytest.approx(list(other), abs=1e-7)
+        for mine, theirs in zip(one.values(), other.values(), strict=True):
+            assert mine.n_cells == theirs.n_cells
+            assert area(mine) == pytest.approx(area(theirs), rel=1e-6)
+            assert mine.bounds == pytest.approx(theirs.bounds, abs=1e-5)
 
 
 def test_smooth_path(tmp_path: Path) -> None:

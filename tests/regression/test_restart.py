@@ -3,6 +3,7 @@
 import os
 import random
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -13,15 +14,27 @@ import h5py
 import numpy as np
 import pytest
 
-from opticcup_fem.checkpoint import CHECKPOINT, read_checkpoint
+from opticcup_fem.checkpoint import CHECKPOINT, Checkpoint, read_checkpoint, write_checkpoint
 from opticcup_fem.errors import CaseError, InterruptedRun, RecordError
-from opticcup_fem.records import read_events, read_path, read_sections
-from opticcup_fem.states import States
-from opticcup_fem.studies import cup
+from opticcup_fem.records import read_events, read_path
+from opticcup_fem.studies import cup, interruption
 from tests.support.cups import coarse_case
-from tests.support.interrupted import stop_after
+from tests.support.interrupted import require_same_run, stop_after
 
 CASE = coarse_case(t_end=0.06, output={"times": [0.02, 0.06]})
+
+BETWEEN_PLATES = coarse_case(
+    t_end=0.012,
+    contact={
+        "mode": "resist",
+        "obstacles": [
+            {"kind": "plate", "centre": [0.0, 0.0, -1.145], "velocity": [0.0, 0.0, 0.2]},
+            {"kind": "plate", "centre": [0.0, 0.0, 1.145]},
+        ],
+    },
+    output={"times": [0.012]},
+)
+"""Grows until it touches two plates, one of which moves; touches after its second state."""
 
 ACROSS_A_BIFURCATION = coarse_case(15.0, 0.32, output={"times": [0.0, 0.1]})
 """Leaves the axisymmetric states along a critical mode near t_n = 0.28."""
@@ -45,25 +58,6 @@ def interrupted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def require_same_run(folder: Path, other: Path, tolerance: float = 1e-10) -> None:
-    """Check that two run folders hold the same run."""
-    one, two = read_path(folder), read_path(other)
-    assert list(one.columns) == list(two.columns) and len(one) == len(two)
-    difference = np.abs(one.select_dtypes("number") - two.select_dtypes("number"))
-    assert difference.max().max() <= tolerance
-    assert [e["kind"] for e in read_events(folder)] == [e["kind"] for e in read_events(other)]
-    assert [s.t_n for s in read_sections(folder)] == [s.t_n for s in read_sections(other)]
-    assert len(States(folder)) == len(States(other)) == len(one)
-    for name in ("fields.pvd", "modes.pvd"):
-        files = [run / name for run in (folder, other)]
-        assert files[0].exists() == files[1].exists()
-        if files[0].exists():
-            counts = [file.read_text().count("<DataSet") for file in files]
-            assert counts[0] == counts[1]
-    names = [sorted(p.name for p in (run / "fields").iterdir()) for run in (folder, other)]
-    assert names[0] == names[1]
-
-
 def test_resumed_run_is_the_undisturbed_one(interrupted: Path, undisturbed: Path) -> None:
     """Rows, states, sections and fields; the checkpoint goes when the run is finished."""
     assert len(read_path(interrupted)) == 3
@@ -72,6 +66,22 @@ def test_resumed_run_is_the_undisturbed_one(interrupted: Path, undisturbed: Path
     assert not (interrupted / CHECKPOINT).exists()
     with pytest.raises(CaseError, match="nothing to resume: its run is finished"):
         cup.run(CASE, interrupted, quiet=True, resume=True)
+
+
+def test_contact_is_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Faces and obstacles as they were kept fixed, not as they would be found again."""
+    assert cup.run(BETWEEN_PLATES, tmp_path / "undisturbed", quiet=True).ok
+    forces = read_path(tmp_path / "undisturbed").contact_force
+    before = int(np.argmax(forces > 0)) + 1
+    assert 1 < before < len(forces) - 1
+    for states in (before - 1, before):
+        folder = tmp_path / str(states)
+        with monkeypatch.context() as patch:
+            stop_after(states, patch)
+            with pytest.raises(InterruptedRun, match="--resume"):
+                cup.run(BETWEEN_PLATES, folder, quiet=True)
+        assert cup.run(BETWEEN_PLATES, folder, quiet=True, resume=True).ok
+        require_same_run(folder, tmp_path / "undisturbed")
 
 
 def test_records_behind_the_checkpoint_are_cut_off(interrupted: Path, undisturbed: Path) -> None:
@@ -85,12 +95,9 @@ def test_records_behind_the_checkpoint_are_cut_off(interrupted: Path, undisturbe
 
 
 def test_what_cannot_be_resumed_is_refused(interrupted: Path) -> None:
-    """Another case, another path, another layout, no checkpoint at all."""
+    """Another case, another layout, no checkpoint at all."""
     with pytest.raises(CaseError, match="another case"):
         cup.run(coarse_case(t_end=0.07), interrupted, quiet=True, resume=True)
-    with pytest.raises(CaseError, match=r"run\.follow"):
-        other = coarse_case(run={"follow": "axisymmetric"})
-        cup.run(other, interrupted, quiet=True, resume=True)
     with h5py.File(interrupted / CHECKPOINT, "a") as file:
         file.attrs["format"] = 99
     with pytest.raises(CaseError, match="layout 99"):
@@ -98,6 +105,15 @@ def test_what_cannot_be_resumed_is_refused(interrupted: Path) -> None:
     (interrupted / CHECKPOINT).write_bytes(b"not HDF5")
     with pytest.raises(CaseError, match="no checkpoint"):
         cup.run(CASE, interrupted, quiet=True, resume=True)
+
+
+def test_run_stopped_before_its_first_state_begins_again(tmp_path: Path, undisturbed: Path) -> None:
+    """Its folder holds a checkpoint without states, and perhaps nothing else yet."""
+    write_checkpoint(tmp_path, Checkpoint(CASE.model_dump_json()))
+    with pytest.raises(CaseError, match="another case"):
+        cup.run(coarse_case(t_end=0.07), tmp_path, quiet=True, resume=True)
+    assert cup.run(CASE, tmp_path, quiet=True, resume=True).ok
+    require_same_run(tmp_path, undisturbed)
 
 
 def test_another_mesh_is_refused(interrupted: Path) -> None:
@@ -216,3 +232,52 @@ def test_interrupted_before_and_behind_a_bifurcation(
         ):
             for name in one.files:
                 assert one[name].shape == other[name].shape
+
+
+FOLLOWED = {
+    "axisymmetric": (2, 4),
+    "branch": (2, 16),
+}
+"""How many states before and behind the bifurcation a run is stopped; a chart has 12 states."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("follow", FOLLOWED)
+def test_other_paths_resume_too(
+    follow: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Copies of an unfinished run, made before and behind the loss of symmetry, end like it."""
+    case = coarse_case(
+        15.0,
+        0.36,
+        run={"follow": follow},
+        solver={"max_step": 0.05},
+        output={"times": [0.1], "fields": False},
+    )
+    folder, before, behind = tmp_path / "run", *FOLLOWED[follow]
+    copies: list[Path] = []
+
+    def received(self: object) -> int:
+        kinds = [one["kind"] for one in read_events(folder)]
+        rows = len(read_path(folder))
+        if "symmetry_breaking" not in kinds:
+            if read_path(folder).t_n.iloc[-1] > 0.2:
+                copies[:] = [Path(shutil.copytree(folder, tmp_path / f"stopped{rows}"))]
+        else:
+            copies.append(Path(shutil.copytree(folder, tmp_path / f"stopped{rows}")))
+        return signal.SIGINT if len(copies) > behind else 0
+
+    monkeypatch.setattr(interruption.StopSignals, "received", received)
+    with pytest.raises(InterruptedRun):
+        cup.run(case, folder, quiet=True)
+    rows = len(read_path(folder))
+    for copy in (copies[0], copies[before], copies[-2]):
+        (copy / ".lock").unlink()
+        monkeypatch.setattr(
+            interruption.StopSignals,
+            "received",
+            lambda self, copy=copy: signal.SIGINT if len(read_path(copy)) >= rows else 0,
+        )
+        with pytest.raises(InterruptedRun):
+            cup.run(case, copy, quiet=True, resume=True)
+        require_same_run(copy, folder)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from opticcup_fem.diagram.bisection import Bracket
-from opticcup_fem.report.plan import SETS
+from opticcup_fem.report.plan import SETS, SLITS
 from opticcup_fem.report.results import Computed, Results
 from opticcup_fem.studies.sweep.rows import empty_row
 from opticcup_fem.theory import buckling_curvature, primary_curvature, secondary_curvature
@@ -88,7 +88,11 @@ def results():
     """Return every set of the plan, made up."""
     found = Results()
     for name, plan in SETS.items():
-        kinds = {"plate": lambda s: plate(s["ratio"]), "layers": layers}
+        kinds = {
+            "plate": lambda s: plate(s["ratio"]),
+            "layers": layers,
+            "coexistence": coexistence,
+        }
         found.sets[name] = [
             Computed(one.settings, kinds.get(one.task.kind, cup)(one.settings)) for one in plan()
         ]
@@ -99,6 +103,27 @@ def results():
     }
     found.asked = {"theta_b 40": [found.sets["slenderness"][0].row], "evagination": []}
     return found
+
+
+def coexistence(settings):
+    """Return slits down to R/h = 12 whose energy is the round cups' at R/h = 12.75."""
+    pairs = []
+    for t_n in SLITS["times"]:
+        for ratio in settings["ratios"]:
+            there = ratio >= 12
+            excess = 1e-4 * (12.75 - ratio) if there and ratio < 14 else None
+            pairs.append(
+                {
+                    "ratio": ratio,
+                    "t_n": t_n,
+                    "energy_slit": 1.3 if there else None,
+                    "energy_round": 1.3 / (1 + excess) if excess is not None else None,
+                    "m2_slit": 0.1 * (ratio - 8) if there else None,
+                    "slit_crosses_itself": ratio > 13.2 if there else None,
+                    "excess": excess,
+                }
+            )
+    return {"status": "ok", "reason": None, "row": {}, "pairs": pairs}
 
 
 def plate(ratio):

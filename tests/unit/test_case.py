@@ -24,15 +24,36 @@ WRONG = {
     "unknown table": ("materials.closure=paper", ["materials is not a known table", "material?"]),
     "negative ratio": ("shape.radius_over_thickness=-5", ["= -5", "at least 2"]),
     "thick ball": ("shape.radius_over_thickness=1.5", ["= 1.5", "at least 2"]),
+    "an endless run": ("run.t_end=1e9", ["= 1000000000.0", "above 0 and at most 100"]),
+    "invisible cells": ("mesh.cell_size_oov=1e-309", ["= 1e-309", "at least 0.001"]),
+    "a key of an obstacle": (
+        "contact.obstacles=[{kind = 'sphere', centre = [0, 0, 3], sizes = 1}]",
+        ["sizes in entry 1 of contact.obstacles is not", "did you mean sides in entry 1"],
+    ),
+    "an obstacle without a place": (
+        "contact.obstacles=[{kind = 'sphere'}]",
+        ["centre in entry 1 of contact.obstacles is missing", "3 numbers"],
+    ),
+    "an obstacle's place": (
+        "contact.obstacles=[{kind = 'sphere', centre = [0, 0, 'a']}]",
+        ["entry 3 of centre in entry 1 of contact.obstacles", '= "a"', "3 numbers"],
+    ),
+    "a sentence of two lines": ('shape.kind="a\\nb"', ['"a\\nb"', '"disk"']),
     "zero radius": ("shape.radius_um=0", ["shape.radius_um = 0", "above 0", "micrometres"]),
     "unit in the value": ("shape.radius_um=50 um", ['"50 um"', "a number", "micrometres"]),
     "radians": ("shape.opening_angle_deg=0.698", ["= 0.698", "at least 5", "degrees"]),
     "more than a half": ("shape.opening_angle_deg=120", ["= 120", "at most 90"]),
     "cap narrower than thick": ("shape.opening_angle_deg=8", ["narrower", "11.5 degrees"]),
     "not finite": ("shape.opening_angle_deg=nan", ["= nan", "a number"]),
-    "text for a number": ('material.modulus_ratio="stiff"', ['"stiff"', "a number above 0"]),
-    "boolean for a number": ("material.thickness_ratio=true", ["= true", "a number above 0"]),
-    "negative thickness": ("material.thickness_ratio=-0.1", ["= -0.1", "above 0", "h_ECM/h_IOV"]),
+    "text for a number": ('material.modulus_ratio="stiff"', ['"stiff"', "a number at least 1e-06"]),
+    "boolean for a number": (
+        "material.thickness_ratio=true",
+        ["= true", "a number at least 1e-06"],
+    ),
+    "negative thickness": (
+        "material.thickness_ratio=-0.1",
+        ["= -0.1", "at least 1e-06", "h_ECM/h_IOV"],
+    ),
     "negative poisson": ("material.poisson_ratio=-0.1", ["= -0.1", "at least 0"]),
     "beyond incompressible": ("material.poisson_ratio=0.6", ["= 0.6", "at most 0.5"]),
     "unknown closure": ("material.closure=stationary", ['"stationary"', '"layer-stretch"']),
@@ -46,7 +67,7 @@ WRONG = {
     "too coarse": ("mesh.cell_size_cap=0.6", ["= 0.6", "too coarse", "0.349"]),
     "too coarse below": ("mesh.cell_size_oov=0.7", ["= 0.7", "too coarse", "0.611"]),
     "coarse interface": ("mesh.cell_size_interface=0.32", ["finest", "at most 0.3"]),
-    "endless mesh": ("mesh.cell_size_interface=1e-6", ["cell_size_interface", "cells"]),
+    "endless mesh": ("mesh.cell_size_oov=0.003", ["cell_size_interface", "cells"]),
     "half a seed": ("mesh.seed=2.5", ["= 2.5", "a whole number"]),
     "steps in disorder": ("solver.min_step=0.02", ["initial_step = 0.01"]),
     "first step too long": ("solver.initial_step=0.2", ["max_step = 0.1"]),
@@ -147,6 +168,13 @@ def test_default_thickness_rule_follows_the_closure(closure, points):
     assert parse_case({"material": material}).material.thickness_points == points
     material["thickness_points"] = [3, 6, 8]
     assert parse_case({"material": material}).material.thickness_points == (3, 6, 8)
+
+
+@pytest.mark.parametrize(("follow", "planes"), [("stable", 0), ("axisymmetric", 4), ("branch", 4)])
+def test_default_symmetry_of_the_mesh_follows_the_path(follow, planes):
+    assert parse_case({"run": {"follow": follow}}).mesh.symmetry == planes
+    given = {"run": {"follow": follow}, "mesh": {"symmetry": 6}}
+    assert parse_case(given).mesh.symmetry == 6
 
 
 @pytest.mark.parametrize(

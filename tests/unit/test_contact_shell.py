@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from opticcup_fem.contact.model import Contact, ContactSettings
-from opticcup_fem.contact.obstacles import Plate
-from opticcup_fem.contact.report import contact_report, nodal_areas
+from opticcup_fem.contact.obstacles import Plate, Sphere
+from opticcup_fem.contact.report import ContactReport, contact_report, nodal_areas
 from opticcup_fem.equilibrium.jumps import make_relaxation
 from opticcup_fem.equilibrium.newton import MixedNewton
 from opticcup_fem.equilibrium.path import LoadStepping, PathPoint, StepControl
@@ -52,6 +52,7 @@ def shell() -> Shell:
 @pytest.fixture(scope="module")
 def squeezed(shell: Shell) -> tuple[LoadStepping, list[PathPoint]]:
     """A sphere squeezed between two plates, and the states on the way."""
+    shell.set_time(0.0)
     problem = Problem(shell, upright(shell), Contact(shell, SETTINGS, plates(0.021)))
     newton = MixedNewton(problem)
     control = StepControl(initial=0.1, largest=0.25, smallest=1e-3)
@@ -63,11 +64,11 @@ def squeezed(shell: Shell) -> tuple[LoadStepping, list[PathPoint]]:
 
 def test_gradient_and_tangent_are_derivatives_of_the_energy(shell: Shell) -> None:
     """Of shell and contact together, in a state that touches: remainders of order 2 and 3."""
-    contact = Contact(shell, SETTINGS, plates(0.012))
+    contact = Contact(shell, SETTINGS, plates(0.021, depth=0.0))
     problem = Problem(shell, free(shell), contact)
-    shell.set_time(0.0)
+    shell.set_time(0.009 / 0.021)  # the plates have come nearer by 0.009
     state = problem.with_contact(disturbed(shell, 1e-4))
-    assert contact.gap(state) < 0.02
+    assert contact.gap(state) == pytest.approx(0.012, abs=1e-3)
     cells = shell.condensed(state)
     gradient = problem.vector.duplicate()
     problem.assemble_gradient(cells, state, gradient)
@@ -116,8 +117,9 @@ def test_plates_hold_the_sphere(squeezed: tuple[LoadStepping, list[PathPoint]]) 
         forces.append(-report.forces[above, 2].sum())
         if forces[-1] > 0:
             columns = report.columns(snapshot)
-            # from the one plate to the other
-            assert columns["touching_length_over_R"] == pytest.approx(2 * (height - H / 2), rel=0.1)
+            # one patch under each plate, small against the sphere
+            assert 0 <= columns["touching_length_over_R"] < 0.9
+            assert 0 < columns["touching_area_over_R2"] < 1.0
             assert columns["contact_force"] >= 2 * forces[-1] * (1 - 1e-3)
     assert forces[0] == 0
     assert (np.diff(forces) >= 0).all() and forces[-1] > 0
@@ -154,12 +156,40 @@ def test_overlapping_obstacle_is_refused(shell: Shell) -> None:
     shell.set_time(0.0)
     with pytest.raises(CaseError, match="overlaps the shell at the start: move it"):
         Contact(shell, SETTINGS, plates(-0.02))
+    with pytest.raises(CaseError, match="overlaps the shell at the start: move it"):
+        Contact(shell, SETTINGS, [Sphere((0.0, 0.0, 1.0), 0.2 * H, refinements=0)])
+
+
+def test_obstacle_within_the_barrier_is_refused(shell: Shell) -> None:
+    """Newton's method would start from forces that nothing has led up to."""
+    shell.set_time(0.0)
+    with pytest.raises(CaseError, match=r"nearer to the shell .* than the barrier reaches, 0\.02"):
+        Contact(shell, SETTINGS, plates(0.015))
 
 
 def test_nodal_areas_are_those_of_the_surface(shell: Shell) -> None:
     """They are positive and their sum is 4 pi, but for the flatness of triangles."""
     snapshot = capture(shell, shell.reference_state(), 0.0)
     assert snapshot is not None
-    areas = nodal_areas(snapshot)
+    areas = nodal_areas(snapshot, snapshot.reference)
     assert areas.shape == (len(snapshot.reference),) and (areas > 0).all()
     assert areas.sum() == pytest.approx(4 * np.pi, rel=0.01)
+    twice = nodal_areas(snapshot, 2 * snapshot.reference)
+    assert twice.sum() == pytest.approx(4 * areas.sum())
+
+
+def test_touching_area_and_length_are_those_of_the_patches(shell: Shell) -> None:
+    """Two caps of 0.3 rad, pushed: their area together, and the diameter of one."""
+    snapshot = capture(shell, shell.reference_state(), 0.0)
+    assert snapshot is not None
+    areas = nodal_areas(snapshot, snapshot.reference)
+    theta = np.arccos(np.abs(snapshot.reference[:, 2]))
+    forces = np.where(theta < 0.3, areas, 1e-3 * areas)[:, None] * [0.0, 0.0, 1.0]
+    columns = ContactReport(1.5, forces).columns(snapshot)
+    assert columns["contact_energy"] == 1.5
+    assert columns["contact_force"] == pytest.approx(np.abs(forces).sum())
+    cap = 2 * np.pi * (1 - np.cos(0.3))
+    assert columns["touching_area_over_R2"] == pytest.approx(2 * cap, rel=0.25)
+    assert columns["touching_length_over_R"] == pytest.approx(2 * np.sin(0.3), rel=0.15)
+    none = ContactReport(0.0, 0 * forces).columns(snapshot)
+    assert none["touching_area_over_R2"] == none["touching_length_over_R"] == 0.0

@@ -1,6 +1,6 @@
-"""What the documents promise exists: commands, links, numbers of decisions, the Python example.
+"""What the documents promise exists and runs: commands, links, decisions, every block of code.
 
-Worth reading: every line of the README that begins with docker/run is parsed as a shell would.
+Worth reading: `test_every_block_of_a_guide_runs` does, in a fresh folder, what a reader would copy.
 """
 
 import importlib.util
@@ -10,6 +10,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+import tomllib
 from collections import Counter
 from pathlib import Path
 
@@ -17,6 +18,7 @@ import pytest
 
 import opticcup_fem
 from opticcup_fem.cli import app
+from opticcup_fem.studies.sweep.study_file import parse_study
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -24,7 +26,12 @@ DOCUMENTS = sorted(
     path
     for pattern in ("*.md", "docs/**/*.md", "benchmarks/*.md", "meshes/*.md", "docker/*.md")
     for path in ROOT.glob(pattern)
+    if not {"_build", "_generated"} & set(path.parts)
 )
+GUIDES = [
+    *(ROOT / "docs" / f"{name}.md" for name in ("tutorial", "python")),
+    *sorted((ROOT / "docs" / "howto").glob("*.md")),
+]
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 SUBCOMMANDS = tuple(str(command.callback.__name__) for command in app.registered_commands)
 LAUNCHER = ("OMPI_COMM_WORLD", "PMIX_", "PMI_")
@@ -38,9 +45,19 @@ def anchors(document: Path) -> set[str]:
 
 
 def code_lines(text: str) -> list[str]:
-    """Return the lines of indented code blocks, without their comments."""
+    """Return the lines of indented and of shell blocks, without their comments."""
     lines = [line[4:] for line in text.splitlines() if line.startswith("    ")]
+    for kind, block in blocks(text):
+        if kind == "sh":
+            lines += block.replace("\\\n", " ").splitlines()
     return [line.split("#")[0].strip() for line in lines]
+
+
+def blocks(text: str) -> list[tuple[str, str]]:
+    """Return language and text of the fenced blocks of code, directives of the site excepted."""
+    found = re.findall(r"^```(\w+)\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
+    assert len(found) == len(re.findall(r"^```\w+", text, re.MULTILINE))
+    return found
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
@@ -58,7 +75,7 @@ def test_relative_links_lead_somewhere(document):
 def test_make_targets_of_the_readme_are_in_the_makefile():
     used = {line.split()[1] for line in code_lines(README) if line.startswith("make ")}
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
-    assert used == {"demo", "test"}
+    assert {"demo", "test"} <= used
     assert used <= set(re.findall(r"^(\w[\w-]*):", makefile, re.MULTILINE))
 
 
@@ -74,7 +91,7 @@ def test_commands_of_the_documents_name_what_exists():
         if "opticcup" in command:
             assert command[command.index("opticcup") + 1] in SUBCOMMANDS, command
         for word in command[1:]:
-            if word.endswith((".py", ".toml")) and "/" in word:
+            if word.endswith((".py", ".toml")) and "/" in word and "results/" not in word:
                 assert (ROOT / word).exists(), command
 
 
@@ -115,6 +132,85 @@ def test_the_benchmarks_time_functions_that_exist():
         for place in places:
             owner, name = timers.locate(place)
             assert name in vars(owner), place
+
+
+@pytest.mark.parametrize("page", GUIDES, ids=lambda path: path.stem)
+def test_blocks_of_a_guide_are_of_kinds_that_are_tested(page):
+    found = blocks(page.read_text(encoding="utf-8"))
+    assert {kind for kind, _ in found} <= {"sh", "python", "toml"}
+    for kind, text in found:
+        if kind == "python":
+            compile(text, page.name, "exec")
+        elif kind == "toml":
+            assert re.match(r"# \w+\.toml\n", text)
+            parse_study(tomllib.loads(text))
+        else:
+            for line in text.replace("\\\n", " ").splitlines():
+                assert line.startswith("docker/run "), line
+
+
+@pytest.fixture
+def reader(tmp_path, monkeypatch):
+    """A fresh folder with the demos in it, and the environment of a reader's shell."""
+    shutil.copytree(ROOT / "demos", tmp_path / "demos")
+    (tmp_path / "docker").symlink_to(ROOT / "docker")
+    for name in os.environ:
+        if name.startswith(LAUNCHER):
+            monkeypatch.delenv(name)
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    monkeypatch.setenv("OPTICCUP_INSIDE", "1")
+    monkeypatch.setenv("OPTICCUP_CACHE", str(tmp_path / "cache"))
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def run_blocks(text: str, folder: Path) -> dict[str, object]:
+    """Do what a page says, from top to bottom, and return the names of its Python."""
+    names: dict[str, object] = {"__name__": "page"}
+    for kind, block in blocks(text):
+        if kind == "python":
+            exec(compile(block, "page", "exec"), names)
+        elif kind == "toml":
+            (folder / block.split("\n")[0].removeprefix("# ")).write_text(block, encoding="utf-8")
+        else:
+            command = ["bash", "-euc", block]
+            done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
+            assert done.returncode == 0, f"{block}\n{done.stdout}\n{done.stderr}"
+    return names
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", GUIDES, ids=lambda path: path.stem)
+def test_every_block_of_a_guide_runs(page, reader, capfd):
+    names = run_blocks(page.read_text(encoding="utf-8"), reader)
+    if check := CLAIMS.get(page.stem):
+        check(names)
+
+
+def check_tutorial(names):
+    """The depth that it names; and where it says that the border between the fates lies."""
+    last = names["path"].iloc[-1]
+    assert last["t_n"] == 0.1 and last["D_over_r"] == pytest.approx(0.376, rel=1e-2)
+    fates = dict(zip([row["theta_bar"] for row in names["rows"]], names["fates"], strict=True))
+    assert max(t for t, fate in fates.items() if fate == "normal") == pytest.approx(2.4, abs=0.05)
+    assert min(t for t, f in fates.items() if f == "abnormal") == pytest.approx(2.8, abs=0.05)
+    assert Path("results/phase_diagram.png").stat().st_size > 5000
+
+
+def check_growth(names):
+    """Both laws invaginate differently."""
+    saturating, patterned = names["depth"]
+    assert saturating != patterned
+
+
+def check_geometry(names):
+    """A cap opens as its inner side grows: the rim becomes wider."""
+    import numpy as np
+
+    assert names["radius"].mean() > 1.01 * np.sin(np.radians(50))
+
+
+CLAIMS = {"tutorial": check_tutorial, "growth": check_growth, "geometry": check_geometry}
 
 
 @pytest.mark.slow

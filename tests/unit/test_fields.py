@@ -17,7 +17,9 @@ from vtkmodules.vtkCommonDataModel import vtkUnstructuredGrid
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
 
 from opticcup_fem.fields import write_collection, write_fields
+from opticcup_fem.records import RunFolder
 from opticcup_fem.snapshot import Snapshot, cell_values
+from tests.support.series import FIELDS, MODES, area, read_series
 from tests.support.shapes import cup, cup_profile, deformed, sphere_mesh
 
 
@@ -144,3 +146,20 @@ def test_collection_lists_times_and_files(tmp_path: Path) -> None:
     root = ET.parse(tmp_path / "x.pvd").getroot()
     found = [(float(d.get("timestep")), d.get("file")) for d in root.iter("DataSet")]
     assert found == times
+
+
+def test_time_series_open_as_in_paraview(state: Snapshot, tmp_path: Path) -> None:
+    """Positions, layers and modes of every time, read by the reader that ParaView uses."""
+    grown = deformed(state, lambda t, p: 1.5 * cup(t, p), t_n=0.5)
+    mode = np.random.default_rng(1).normal(size=state.position.shape)
+    with RunFolder(tmp_path, "") as folder:
+        folder.write_fields(state)
+        folder.write_fields(grown)
+        folder.write_mode_fields(grown, mode)
+    series = read_series(tmp_path, FIELDS)
+    assert list(series) == [0.25, 0.5]
+    areas = [area(grid) for grid in series.values()]
+    assert areas[1] == pytest.approx(1.5**2 * areas[0], rel=1e-6)
+    ((t_n, modes),) = read_series(tmp_path, MODES).items()
+    assert t_n == 0.5
+    np.testing.assert_array_equal(modes.point_data["mode"], mode[modes.point_data["node"]])

@@ -11,11 +11,12 @@ import pandas as pd
 import pytest
 
 from opticcup_fem.case import Case, parse_case
-from opticcup_fem.errors import CaseError
+from opticcup_fem.errors import CaseError, InterruptedRun
 from opticcup_fem.meridian.contact import crossing_of, self_crossing
 from opticcup_fem.records import read_events, read_path, read_sections
 from opticcup_fem.states import States
 from opticcup_fem.studies import cup, meridian, verify
+from tests.support.interrupted import stop_after
 from tests.support.meridians import PROFILES, shell_on
 
 
@@ -164,3 +165,23 @@ def test_a_curve_that_crosses_itself_is_seen() -> None:
     # the apex pushed down through the bottom
     state.r[:, 1] = np.where(z > 0.5, 0.5 - 6 * (z - 0.5), z)
     assert self_crossing(shell, state) is not None
+
+
+def test_interrupted_run_starts_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its folder is not lost, can be gone on with, and then holds what a run without a stop has."""
+    case = parse_case(
+        {
+            "run": {"model": "meridian", "t_end": 0.01, "max_wavenumber": 2},
+            "output": {"picture": False},
+        }
+    )
+    with monkeypatch.context() as patch:
+        stop_after(3, patch)
+        with pytest.raises(InterruptedRun, match="--resume"):
+            meridian.run(case, tmp_path / "one", quiet=True)
+    assert len(read_path(tmp_path / "one")) == 3
+    assert meridian.run(case, tmp_path / "one", quiet=True, resume=True).ok
+    assert meridian.run(case, tmp_path / "other", quiet=True).ok
+    pd.testing.assert_frame_equal(read_path(tmp_path / "one"), read_path(tmp_path / "other"))
+    with pytest.raises(CaseError, match="its run is finished"):
+        meridian.run(case, tmp_path / "one", quiet=True, resume=True)

@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from dolfinx import fem
+from scipy.spatial import cKDTree
 
 from opticcup_fem.errors import MeshError
 from opticcup_fem.mesh import (
@@ -154,6 +155,37 @@ def test_seed_decides_the_mesh() -> None:
     np.testing.assert_array_equal(one.points, again.points)
     np.testing.assert_array_equal(one.cells, again.cells)
     assert one.points.shape != other.points.shape or np.abs(one.points - other.points).max() > 0.01
+
+
+@pytest.mark.parametrize("planes", [1, 4, 6])
+def test_symmetric_mesh_is_its_own_mirror_image(planes: int) -> None:
+    """It has that many mirror planes and no more, and is as good as one without."""
+    mesh = cup_mesh(ALPHA, *SIZES, comm=COMM, symmetry=planes)
+    triangulation = serial(mesh)
+    points, cells = triangulation.points, triangulation.cells
+    regions = triangulation.cell_region
+    tree = cKDTree(points)
+    known = {(*sorted(cell), region) for cell, region in zip(cells.tolist(), regions, strict=True)}
+    for k in range(planes + 1):
+        angle = math.pi * k / planes if k < planes else math.pi / 2 / planes
+        cosine, sine = math.cos(2 * angle), math.sin(2 * angle)
+        mirror = np.array([[cosine, sine, 0.0], [sine, -cosine, 0.0], [0.0, 0.0, 1.0]])
+        apart, number = tree.query(points @ mirror)
+        if k == planes:  # half-way between two planes there is none
+            assert apart.max() > 0.01
+            continue
+        assert apart.max() < ROUNDING
+        images = number[cells].tolist()
+        assert {(*sorted(c), r) for c, r in zip(images, regions, strict=True)} == known
+    angles = np.degrees(corner_angles(points, cells))
+    assert angles.min() > 25 and angles.max() < 120
+    edges = np.sort(cells[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    assert np.all(np.unique(edges, axis=0, return_counts=True)[1] == 2)  # closed
+
+
+def test_symmetric_meshes_differ_by_their_seed() -> None:
+    one, other = (cup_mesh(ALPHA, *SIZES, seed, COMM, symmetry=4) for seed in (1, 2))
+    assert not np.array_equal(serial(one).points, serial(other).points)
 
 
 def test_open_cap_and_disk_have_a_rim_and_a_centre() -> None:
@@ -429,6 +461,7 @@ def test_gmsh_is_finalised_and_silent(capfd: pytest.CaptureFixture[str]) -> None
         (lambda: cup_mesh(ALPHA, 0.2, 0.1, math.inf), "cell_size_oov is inf"),
         (lambda: cup_mesh(ALPHA, 0.2, 0.1, 0.3, transition=0.0), "transition is 0"),
         (lambda: cup_mesh(ALPHA, *SIZES, radius=-1.0), "radius of the sphere is -1"),
+        (lambda: cup_mesh(ALPHA, *SIZES, symmetry=9), "symmetry is 9"),
         (lambda: cup_mesh(ALPHA, 0.8, 0.8, 0.8), r"gives 5 edges .* to 0.505 or less"),
         (lambda: open_cap_mesh(ALPHA, 0.7), "too coarse: cell_size_rim = 0.7"),
         (lambda: open_cap_mesh(-1.0, 0.1), "opening angle is -1 rad"),

@@ -116,7 +116,7 @@ def test_the_quarter_around_the_opening_is_left_out(sphere: Snapshot) -> None:
 
 
 def test_values_of_layers_are_on_the_grid(sphere: Snapshot) -> None:
-    """Half the trace of the stress; the thickness stretch as it is; the shear does not count."""
+    """Half the trace of the stress, without the shear; the stretch; the size of contact's force."""
     stress = {name: np.array([3.0, -1.0, 9.0]) + 0 * s for name, s in sphere.stress.items()}
     state = replace(sphere, stress=stress)
     values = BodyGrid(sphere, quantity="stress")(state).values
@@ -124,6 +124,10 @@ def test_values_of_layers_are_on_the_grid(sphere: Snapshot) -> None:
     assert set(values) == {"iov", "ecm", "oov"}
     values = BodyGrid(sphere, quantity="lambda3")(state).values
     assert all(np.allclose(v, 1.0) for v in values.values())
+    pushed = replace(sphere, contact_traction=np.array([3.0, 0.0, 4.0]) + 0 * sphere.position)
+    grid = BodyGrid(sphere, quantity="contact")
+    assert all(np.allclose(v, 5.0) for v in grid(pushed).values.values())
+    assert all(not v.any() for v in grid(sphere).values.values())
 
 
 def test_colours_of_stress_tell_its_sign() -> None:

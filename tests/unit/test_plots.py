@@ -103,6 +103,38 @@ def test_events_sit_on_the_branch_that_they_end(run_dir: Path) -> None:
     assert at_events == pytest.approx([e["t_n"] for e in events], abs=6e-4)
 
 
+def test_unstable_states_are_drawn_apart_and_events_know_their_part() -> None:
+    """On a branch that goes back in t_n a time is passed twice: the event's row tells which."""
+    table = pd.DataFrame(
+        {
+            "t_n": [0.0, 0.2, 0.3, 0.2, 0.1, 0.15],
+            "D_over_r": [0.0, 0.2, 0.3, 0.5, 0.6, 0.7],
+            "jump": False,
+            "stable": [True, True, False, False, True, True],
+        }
+    )
+    axes = Figure().subplots()
+    draw_path(axes, table, "D_over_r", "k")
+    drawn = [(line.is_dashed(), list(line.get_ydata())) for line in axes.lines]
+    assert drawn == [(False, [0.0, 0.2, 0.3]), (True, [0.3, 0.5, 0.6]), (False, [0.6, 0.7])]
+    event = {"kind": "symmetry_breaking", "type": "bifurcation", "t_n": 0.25, "row": 2}
+    assert place_of(table, "D_over_r", event) == pytest.approx((0.25, 0.25))
+    assert place_of(table, "D_over_r", event | {"row": 3}) == pytest.approx((0.25, 0.4))
+    assert place_of(table, "D_over_r", event | {"row": 6}) == pytest.approx((0.15, 0.7))
+    table.loc[3, "jump"] = True
+    assert place_of(table, "D_over_r", event | {"row": 3}) == pytest.approx((0.3, 0.3))
+
+
+def test_key_states_of_a_path_that_goes_back_are_in_its_order() -> None:
+    chosen = key_states(states(0.0, 0.1, 0.2, 0.3, 0.2, 0.1, 0.05, 0.1), [], most=4)
+    assert [(key.state.t_n, key.why) for key in chosen] == [
+        (0.0, "start"),
+        (0.2, ""),
+        (0.1, ""),
+        (0.1, "end"),
+    ]
+
+
 def states(*times: float) -> list[SectionedState]:
     """Return states that have times only."""
     return [SectionedState(t, ()) for t in times]

@@ -14,9 +14,10 @@ import pytest
 from opticcup_fem.errors import CaseError
 from opticcup_fem.report import command
 from opticcup_fem.report.figures.base import Comparison, followed_parts
+from opticcup_fem.report.figures.material import _shallower
 from opticcup_fem.report.plan import BY_ANGLE, RATIOS, SETS
 from opticcup_fem.report.registry import FIGURES
-from opticcup_fem.report.results import compute
+from opticcup_fem.report.results import Computed, compute
 from tests.support.reports import cup, layers, path, plate, results
 
 
@@ -55,6 +56,39 @@ def test_lawful_cups_give_the_papers_coefficients(report):
     page = report.read_text(encoding="utf-8")
     line = page[page.index("theta_b of (6) at 40 deg") :]
     assert "2.447" in line[: line.index("</tr>")]
+
+
+def test_slits_of_equal_energy_give_a_boundary(report):
+    page = report.read_text(encoding="utf-8")
+    line = page[page.index("if the cup of less energy is taken") :]
+    line = line[: line.index("</tr>")]
+    assert f"{np.radians(40) * np.sqrt(12.75):.4g}" in line and "12.75" in line
+    summary = pd.read_csv(report.parent / "coexistence_summary.csv")
+    assert list(summary["t_n"]) == [0.31, 0.34, 0.37]
+    assert set(summary["slit found down to R/h"]) == {12.25}
+
+
+@pytest.mark.parametrize(
+    ("depths", "answer"), [((0.6, 0.5, 0.4), "yes"), ((0.6, 0.5, 0.55), "no"), ((0.6, None), None)]
+)
+def test_cups_are_shallower_if_every_one_is(depths, answer):
+    pairs = zip((20.0, 50.0, 100.0), depths, strict=False)
+    cups = [Computed({"modulus_ratio": n}, depth_at(depth)) for n, depth in pairs]
+    cups.append(Computed({"poisson_ratio": 0.4}, depth_at(0.1)))
+    change = ("larger modulus ratio", cups, "modulus_ratio", True)
+    line = _shallower(*change, "D_over_r_at_0.4", "D/r at t_n = 0.4")
+    assert line.paper == "yes" and line.ours == answer
+    assert line.note.startswith("n = 20: 0.600, n = 50: ") and "0.100" not in line.note
+
+
+def depth_at(value):
+    return {"status": "ok", "row": {"D_over_r_at_0.4": value}}
+
+
+def test_what_the_paper_does_not_say_is_left_blank(report):
+    page = report.read_text(encoding="utf-8")
+    line = page[page.index("<td>n = 20</td>") :]
+    assert line[: line.index("</tr>")].startswith("<td>n = 20</td><td></td><td>invaginates</td>")
 
 
 def test_differences_are_numbers_or_words():

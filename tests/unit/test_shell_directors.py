@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from opticcup_fem.compat import cell_corners
 from tests.support.shells import cup_shell, disturbed, strip_shell, wall
 
 
@@ -44,7 +45,7 @@ def test_tangents_run_from_low_to_high_vertex(shell):
     ends = topology.connectivity(1, 0).array.reshape(-1, 2)
     geometry = spaces.mesh.geometry
     vertex_node = np.zeros(topology.index_map(0).size_local, dtype=int)
-    vertex_node[topology.connectivity(2, 0).array] = geometry.dofmap.ravel()
+    vertex_node[topology.connectivity(2, 0).array] = cell_corners(shell.spaces.mesh).ravel()
     run = np.diff(geometry.x[vertex_node[np.sort(ends, axis=1)]], axis=1)
     tangents = shell.directors.tangents(shell.reference)
     assert np.all(np.sum(run * tangents, axis=-1) > 0)

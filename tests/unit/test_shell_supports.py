@@ -12,6 +12,7 @@ from opticcup_fem.shell.supports import (
     free,
     held_components,
     hinged,
+    rigid_modes,
     rigid_modes_of_cup,
 )
 from tests.support.shells import COMM, cup_shell, strip_shell, wall
@@ -91,3 +92,15 @@ def test_missing_places_are_refused(cap):
     flat = Shell(strip_mesh(1.0, 1.0, 2, 2, COMM), {"strip": wall()}, {"wall": LinearGrowth(0.0)})
     with pytest.raises(MeshError, match="no curve"):
         clamped(flat, "rim")
+
+
+def test_rigid_modes_of_any_shell_are_held_by_long_levers(cap):
+    """The six held components of the rigid motions are a matrix far from singular."""
+    nodes, angles = parts(cap, rigid_modes(cap))
+    assert nodes.sum() == 6 and not angles.any()
+    node, component = np.nonzero(nodes)
+    arms = cap.reference[node] - cap.reference.mean(axis=0)
+    turns = np.stack([np.cross(axis, arms) for axis in np.eye(3)], axis=-1)
+    shifts = np.broadcast_to(np.eye(3), turns.shape)
+    motions = np.concatenate([shifts, turns], axis=-1)[np.arange(6), component]
+    assert np.linalg.cond(motions) < 10

@@ -13,6 +13,7 @@ import pytest
 
 from opticcup_fem.errors import CaseError
 from opticcup_fem.records import RunFolder
+from opticcup_fem.reordering import Reordering
 from opticcup_fem.snapshot import Snapshot
 from opticcup_fem.states import States
 from tests.support.shapes import cup, deformed, sphere_mesh
@@ -65,6 +66,19 @@ def test_what_is_read_is_what_was_written(tmp_path: Path, states: list[Snapshot]
     assert found[-1].t_n == 1 / 3
     with pytest.raises(IndexError):
         found[2]
+
+
+def test_contact_is_kept_where_it_is_resisted(tmp_path: Path, states: list[Snapshot]) -> None:
+    """Single precision, in the order of the nodes, also when these are put into another order."""
+    force = np.random.default_rng(5).normal(size=states[1].position.shape)
+    pushed = replace(states[1], contact_traction=force)
+    read = States(written(tmp_path, [states[0], pushed]))
+    assert read[0].contact_traction is None
+    np.testing.assert_allclose(read[1].contact_traction, force, rtol=1e-6)
+    turned = Reordering(pushed, np.arange(len(pushed.cells))[::-1])(pushed)
+    for one, other in zip(turned.position, turned.contact_traction, strict=True):
+        node = int(np.argmin(np.linalg.norm(pushed.position - one, axis=1)))
+        np.testing.assert_array_equal(other, force[node])
 
 
 def test_a_killed_writer_leaves_the_earlier_states(tmp_path: Path, states: list[Snapshot]) -> None:

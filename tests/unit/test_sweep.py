@@ -23,6 +23,7 @@ from opticcup_fem.errors import CaseError
 from opticcup_fem.studies.sweep import cache as caching
 from opticcup_fem.studies.sweep.bar import Bar
 from opticcup_fem.studies.sweep.cache import ResultCache, Task
+from opticcup_fem.studies.sweep.command import Part
 from opticcup_fem.studies.sweep.engine import Engine, engine_of
 from opticcup_fem.studies.sweep.rows import summary_row, value_at
 from opticcup_fem.studies.sweep.study_file import load_study, parse_study
@@ -35,6 +36,13 @@ HERE = "tests.support.tasks"
 
 def quick(name, **parameters):
     return Task.of(f"{HERE}:{name}", "meridian", parameters)
+
+
+@pytest.mark.parametrize("text", ["0/4", "5/4", "2", "a/b", "-1/2", ""])
+def test_wrong_parts_are_explained(text):
+    assert Part.parsed("4/4") == Part(4, 4)
+    with pytest.raises(CaseError, match=r"write it as 2/8|the parts are 1/4 to 4/4"):
+        Part.parsed(text)
 
 
 # --- study files ----------------------------------------------------------------------------------
@@ -333,17 +341,18 @@ UNCONCERNED = {
     "opticcup_fem.errors",
     "opticcup_fem.fields",
     "opticcup_fem.folder_lock",
-    "opticcup_fem.hdf5_files",
     "opticcup_fem.records",
     "opticcup_fem.reordering",  # of what is written
     "opticcup_fem.states",
     "opticcup_fem.studies",
     "opticcup_fem.studies.critical_modes",  # for pictures
+    "opticcup_fem.studies.interruption",
     "opticcup_fem.studies.outcome",
     "opticcup_fem.studies.progress",
     "opticcup_fem.studies.restart",  # a task has no earlier run to go on from
     "opticcup_fem.studies.sweep",
     "opticcup_fem.versions",
+    "opticcup_fem.whole_files",
 }
 """Modules that tasks load and that cannot change a number."""
 

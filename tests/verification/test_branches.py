@@ -1,103 +1,102 @@
 """Cups that are stable to small disturbances and not to finite ones: slits beside round cups.
 
 Below the bifurcation at theta_b the m = 2 slit exists beside the axisymmetric cup.  It is reached
-from a slenderer cup, whose axisymmetric state is unstable, by making the shell thicker.
+from a slenderer cup, whose axisymmetric state is unstable, by making the shell thicker.  Above it
+the branch of slits is followed from the bifurcation by arc length.
 """
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 from mpi4py import MPI
 
 import pytest
 
 from opticcup_fem.case import parse_case
-from opticcup_fem.crossing import surface_check
-from opticcup_fem.equilibrium.path import LoadStepping, PathPoint
-from opticcup_fem.mesh import SurfaceMesh
+from opticcup_fem.contact.model import EXEMPT
+from opticcup_fem.contact.touch import TouchMeter
 from opticcup_fem.observables import Observer
-from opticcup_fem.shell.model import Shell, ShellState
 from opticcup_fem.shell.recovery import capture
-from opticcup_fem.studies.model import growth_of, mesh_of, sections_of, stepping_of
+from opticcup_fem.studies.coexistence import cup_of
+from opticcup_fem.studies.model import shell_of, stepping_of
+
+pytestmark = pytest.mark.slow
 
 T_N = 0.31
-SIZES = {"cell_size_cap": 0.34, "cell_size_interface": 0.12, "cell_size_oov": 0.3}
+MESH = {
+    "cell_size_cap": 0.33,
+    "cell_size_interface": 0.12,
+    "cell_size_oov": 0.3,
+    "symmetry": 4,
+}
 
 
-@dataclass
-class Cup:
-    """A shell of some slenderness and what follows its stable states."""
-
-    shell: Shell
-    stepping: LoadStepping
-
-    def at(self, state: ShellState) -> PathPoint:
-        """Return the stable state at t_n = .31 that relaxation finds from ``state``."""
-        self.shell.set_time(T_N)
-        relaxed = self.stepping.relaxation.relax(state)
-        assert relaxed.converged, relaxed.reason
-        return PathPoint(
-            T_N, relaxed.state, False, relaxed.negative_eigenvalues, 0, 0.0, relaxed.energy
-        )
-
-    def slit(self, state: ShellState) -> float:
-        """Return the amplitude of the interface circle's m = 2."""
-        snapshot = capture(self.shell, state, self.shell.t_n)
-        assert snapshot is not None
-        return Observer(snapshot)(snapshot)["interface_m2"]
-
-    def crosses_itself(self, state: ShellState) -> bool:
-        """Return whether the middle surface crosses itself."""
-        snapshot = capture(self.shell, state, self.shell.t_n)
-        assert snapshot is not None
-        check, subdivision = surface_check(snapshot)
-        return check(subdivision.matrix @ snapshot.position) is not None
-
-
-def cup(ratio: float, mesh: SurfaceMesh | None) -> Cup:
-    """Return a cup, on the mesh of another one where it is given."""
-    case = parse_case(
-        {"shape": {"radius_over_thickness": ratio}, "mesh": dict(SIZES), "run": {"t_end": T_N}}
-    )
-    mesh = mesh or mesh_of(case, MPI.COMM_SELF)
-    shell = Shell(mesh, sections_of(case), growth_of(case), case.material.closure)
-    stepping = stepping_of(case, shell)
-    assert isinstance(stepping, LoadStepping)
-    return Cup(shell, stepping)
-
-
-def axisymmetric_state(one: Cup, t_end: float = T_N) -> PathPoint:
-    """Return the axisymmetric cup at ``t_end``."""
-    return list(one.stepping.follow(one.shell.reference_state(), t_end))[-1]
-
-
-@pytest.mark.slow
 def test_slit_beside_the_stable_axisymmetric_cup() -> None:
-    """R/h = 13, t_n = .31: both cups are stable, the slit is the lower one and ends going back.
+    """R/h = 13, t_n = .31: both cups are stable, the slit is the lower one, and opens at a fold.
 
     The chain R/h = 15, 14, 13.5, 13 leads from a state that the bifurcation explains to one that
-    exists beside the axisymmetric cup.  Where the slit ends depends on the mesh
-    (docs/stability.md).
+    exists beside the axisymmetric cup.  Numbers of this coarse mesh; finer ones are in
+    docs/stability.md.
     """
-    slender = cup(15.0, None)
-    mesh = slender.shell.surface_mesh
-    before = axisymmetric_state(slender, 0.27)
-    critical = slender.stepping.critical
-    assert critical is not None
-    slender.shell.set_time(0.27)
-    mode = critical.spectrum.modes(before.state)[0]
-    state = mode.moved(before.state, 0.3)
+    case = parse_case({"mesh": MESH})
+    slender = cup_of(case, 15.0)
+    state = slender.towards_slit(slender.grown([0.27])[0.27].state, 0.27)
     for ratio in (15.0, 14.0, 13.5, 13.0):
-        one = cup(ratio, mesh)
-        slit = one.at(state)
+        one = cup_of(case, ratio, slender.shell.surface_mesh)
+        slit = one.at_rest(state, T_N)
         state = slit.state
-        assert slit.negative_eigenvalues == 0 and one.slit(state) > 0.4
-    assert not one.crosses_itself(state)
-    round_cup = axisymmetric_state(one)
-    assert round_cup.negative_eigenvalues == 0 and one.slit(round_cup.state) < 0.02
-    assert -1e-3 < slit.energy / round_cup.energy - 1 < 0
-    back = list(one.stepping.follow(state, 0.29, t_start=T_N))
-    (end,) = (critical for point in back for critical in point.critical)
-    assert end.kind == "limit_point"
-    assert end.t_n == pytest.approx(0.3035, abs=5e-3)
+        assert slit.m2 > 0.4
+    assert not slit.crosses
+    round_cup = one.grown([T_N])[T_N]
+    assert round_cup.m2 < 1e-9
+    assert slit.energy / round_cup.energy - 1 == pytest.approx(-9.2e-5, abs=1e-5)
+    opened = next(p for p in one.stepping.follow(state, 0.4, t_start=T_N) if p.jump)
+    assert one.form(opened.state, opened.energy).m2 < 1e-6
+    (end,) = opened.critical
+    assert (end.kind, end.content.wavenumber) == ("limit_point", 2)
+    assert end.t_n == pytest.approx(0.3707, abs=5e-4)
+
+
+def test_branch_of_the_slit_is_subcritical_and_regains_stability() -> None:
+    """R/h = 15: the m = 2 branch goes back in t_n from its bifurcation, unstable, turns, touches.
+
+    The mesh has the symmetry that keeps the bifurcation sharp: the branch stays in m = 2, 4, ...
+    """
+    case = parse_case(
+        {
+            "shape": {"radius_over_thickness": 15.0},
+            "mesh": MESH,
+            "run": {"follow": "branch", "t_end": 0.4},
+        }
+    )
+    shell = shell_of(case, MPI.COMM_SELF)
+    stepping = stepping_of(case, shell)
+    stem, branch = [], []
+    observe = meter = None
+    for point in stepping.follow(shell.reference_state(), 0.4):
+        shell.set_time(point.t_n)
+        snapshot = capture(shell, point.state, point.t_n)
+        assert snapshot is not None
+        observe = observe or Observer(snapshot)
+        meter = meter or TouchMeter(snapshot, EXEMPT * shell.thickness)
+        row = observe(snapshot)
+        if branch or any(one.kind == "bifurcation" for one in point.critical):
+            branch.append((point, row))
+            nearest = meter(snapshot)
+            if nearest is not None and nearest.gap <= 0:
+                break
+        else:
+            stem.append(row)
+    assert all(row["interface_m2"] < 1e-9 for row in stem)
+    (bifurcation,) = branch[0][0].critical
+    assert bifurcation.content.wavenumber == 2
+    assert bifurcation.t_n == pytest.approx(0.2911, abs=1e-3)
+    times = [point.t_n for point, _ in branch]
+    assert times[1] < bifurcation.t_n and branch[1][0].negative_eigenvalues
+    folds = [one for point, _ in branch[1:] for one in point.critical]
+    assert folds and all(one.kind == "limit_point" for one in folds)
+    assert folds[0].t_n == pytest.approx(0.0976, abs=1e-3)
+    assert all(row["interface_m3"] < 1e-8 for _, row in branch)
+    amplitudes = [row["interface_m2"] for _, row in branch]
+    assert amplitudes[-1] > 0.5 and amplitudes[-1] == max(amplitudes)
+    assert branch[-1][0].negative_eigenvalues == 0
+    assert times[-1] == pytest.approx(0.136, abs=4e-3)

@@ -26,7 +26,7 @@ from opticcup_fem.report.figures.base import (
     mark,
     shades,
 )
-from opticcup_fem.report.figures.shapes import draw_shape, shape_table
+from opticcup_fem.report.figures.shapes import draw_shape, layer_legend, shape_table
 from opticcup_fem.report.results import Computed, Results
 from opticcup_fem.studies.sweep.rows import value_at
 from opticcup_fem.theory import chi, spring_ratio
@@ -193,6 +193,7 @@ def _draw_shapes(figure: Any, results: Results) -> None:
             -0.05, 0.5, f"$R/h$ = {one.row['ratio']:g}", transform=line[0].transAxes,
             rotation=90, ha="right", va="center",
         )  # fmt: skip
+    layer_legend(figure)
     panels[0][0].set_title(f"(b)   $t_n$ = {rows[0].record['states'][0]['t_n']:g}")
 
 
@@ -264,7 +265,7 @@ def drive_figure(results: Results) -> Drawn:
     axes.plot(
         spans["ratio"], spans["span_oov"], "s-", color=style.CURVES[2], label="OOV boundary layer"
     )
-    axes.set_ylim(bottom=0)
+    axes.set_ylim(0, 1.08 * spans["span_oov"].max())
     axes.legend(loc="lower right")
     labelled(axes, "$R/h$", "characteristic span at secondary invagination, $R$", "c")
     table = pd.DataFrame(
@@ -324,7 +325,7 @@ def apex_figure(results: Results) -> Drawn:
         assert value is not None
         mark(left, t_n, value, kind, EVENT_COLOURS[kind])
         right.axvline(t_n, color=EVENT_COLOURS[kind], lw=0.9, ls=":")
-    right.set_ylim(-12, 12)
+    right.set_ylim(-12, 3)
     right.axhline(0, color=style.REFERENCE, lw=0.8)
     labelled(right, T_N, r"apex rate $\mathrm{d}(c/R)/\mathrm{d}t_n$", "b")
     kinds = ("primary_invagination", "secondary_invagination")

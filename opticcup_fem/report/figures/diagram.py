@@ -70,9 +70,9 @@ def draw_diagram(
         # a boundary runs on between neighbours of one regime and ends between two
         y = np.array([_between(second, fates, i, -1), second[i], _between(second, fates, i, 1)])
         low = np.interp(x, theta, first)
-        axes.fill_between(x, low, y, color=REGION_COLOURS["invaginated"], lw=0)
+        axes.fill_between(x, low, y, color=REGION_COLOURS["invaginated"], lw=0.4)
         if fate in ("normal", "abnormal"):
-            axes.fill_between(x, y, top, color=REGION_COLOURS[fate], lw=0)
+            axes.fill_between(x, y, top, color=REGION_COLOURS[fate], lw=0.4)
     for row, fate in zip(rows, fates, strict=True):
         mark(axes, row["theta_bar"], row["kappa_1"], "primary_invagination", style.INK, 4.5)
         if fate == "normal":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from opticcup_fem.report.figures.base import (
     Comparison,
     Drawn,
     Row,
+    cross_handle,
     draw_path,
     event_handles,
     labelled,
@@ -30,11 +32,15 @@ from opticcup_fem.report.figures.shapes import (
     draw_field,
     draw_shape,
     field_table,
+    layer_legend,
     shape_table,
 )
 from opticcup_fem.report.plan import THICK, THIN
 from opticcup_fem.report.results import Computed, Results
 from opticcup_fem.theory import cap_curvature
+
+_PAPER_FATES = {10.0: "evaginates", 50.0: "invaginates"}
+"""What the paper says by modulus ratio."""
 
 COLATITUDE = r"colatitude $\theta$ / degrees"
 
@@ -55,11 +61,14 @@ def thickness_figure(results: Results) -> Drawn:
     _along(right, state, "stretch")
     labelled(right, COLATITUDE, r"mean thickness stretch $\lambda_3$", "b")
     right.axvline(40, color=style.REFERENCE, lw=0.8)
+    right.set_xlim(0, 180)
+    right.set_xticks(range(0, 181, 30))
     right.legend()
     text = [
         f"R/h = 5, alpha = 40 degrees, mass change on, t_n = {state['t_n']:g}. Section to scale "
         "and the layers' means along the reference meridian; the line at 40 degrees is the "
-        "interface, where the layers change.",
+        "interface, where the layers change. Contact is looked for on the mid-surface: layers "
+        "drawn with their thickness may overlap.",
     ]
     return Drawn(
         "s1", "Fig. S1: thickness change of the layers", text, figure,
@@ -108,6 +117,7 @@ def moduli_figure(results: Results) -> Drawn:
     for axes, cup, state in zip(panels, stressed, shown, strict=True):
         mapped = draw_field(axes, state, "stress", norm, "PuOr_r")
         axes.set_title(f"{_words(cup)}\n$t_n$ = {state['t_n']:g}", fontsize=8)
+    lower.suptitle("(b)", x=0.01, ha="left", fontsize=9)
     lower.colorbar(
         mapped, ax=list(panels), shrink=0.7, orientation="horizontal", aspect=50,
         label=r"meridional Cauchy stress $\sigma/\mu_\mathrm{IOV}$, mean of each layer",
@@ -120,22 +130,16 @@ def moduli_figure(results: Results) -> Drawn:
         "Contact is looked for on the mid-surface: layers drawn with their thickness may overlap.",
         *[f"{_plain(c)}: {c.row['reason']}." for c in cups if c.row["reason"]],
     ]
-    at = {_plain(c): c.row.get("D_over_r_at_0.4") for c in cups}
-    order = "yes" if _rises([at["n = 20, nu = 0.45"], at["n = 50, nu = 0.45"]]) else "no"
-    inverse = [at[f"n = 50, nu = {nu:g}"] for nu in (0.49, 0.45, 0.4)]
     comparisons = [
-        Comparison(
-            "larger modulus ratio: shallower cup (t_n = 0.4)",
-            "yes",
-            "no" if order == "yes" else "yes",
-            ", ".join(f"{k}: {_number(v)}" for k, v in at.items() if "nu = 0.45" in k),
-        ),
-        Comparison(
-            "smaller Poisson ratio: shallower cup (t_n = 0.4)",
-            "yes",
-            "yes" if _rises(inverse[::-1]) else "no",
-            ", ".join(f"{k}: {_number(v)}" for k, v in at.items() if "n = 50" in k),
-        ),
+        _shallower(change, cups, key, rising, column, words)
+        for change, key, rising in (
+            ("larger modulus ratio", "modulus_ratio", True),
+            ("smaller Poisson ratio", "poisson_ratio", False),
+        )
+        for column, words in (
+            ("largest_D_over_r", "largest D/r"),
+            ("D_over_r_at_0.4", "D/r at t_n = 0.4"),
+        )
     ]
     frames = []
     for cup in stressed:
@@ -163,13 +167,42 @@ def _plain(cup: Computed) -> str:
     return f"n = {row['modulus_ratio']:g}, nu = {row['poisson_ratio']:g}"
 
 
-def _number(value: float | None) -> str:
-    return "none" if value is None else f"{value:.3f}"
+def _shallower(
+    change: str, cups: Sequence[Computed], key: str, rising: bool, column: str, words: str
+) -> Comparison:
+    """Compare the paper's statement that a change makes the cup shallower.
 
-
-def _rises(values: Sequence[float | None]) -> bool:
-    known = [value for value in values if value is not None]
-    return len(known) == len(values) and known == sorted(known)
+    Args:
+        change: The change in words.
+        cups: Cups; those that differ from n = 50, nu = 0.45 in ``key`` alone are looked at.
+        key: What changes, "modulus_ratio" or "poisson_ratio".
+        rising: Whether it rises.
+        column: The depth that is looked at.
+        words: The depth in words.
+    """
+    other, usual = {
+        "modulus_ratio": ("poisson_ratio", 0.45),
+        "poisson_ratio": ("modulus_ratio", 50.0),
+    }[key]
+    rows = sorted(
+        (row for cup in cups if (row := _with(cup).row)[other] == usual),
+        key=lambda row: float(row[key]),
+        reverse=not rising,
+    )
+    depths = [row.get(column) for row in rows]
+    known = [float(depth) for depth in depths if depth is not None]
+    answer = "yes" if all(b < a for a, b in pairwise(known)) else "no"
+    symbol = {"modulus_ratio": "n", "poisson_ratio": "nu"}[key]
+    shown = [
+        f"{symbol} = {row[key]:g}: " + ("none" if depth is None else f"{depth:.3f}")
+        for row, depth in zip(rows, depths, strict=True)
+    ]
+    return Comparison(
+        f"{change}: shallower cup ({words})",
+        "yes",
+        answer if len(known) == len(depths) else None,
+        ", ".join(shown),
+    )
 
 
 def _end(axes: Any, cup: Computed, colour: Any) -> None:
@@ -190,6 +223,7 @@ def limits_figure(results: Results) -> Drawn:
         draw_shape(axes, state)
         axes.set_title(f"$t_n$ = {state['t_n']:g}")
     left.suptitle("(a)  $n$ = 10", x=0.02, ha="left", fontsize=9)
+    layer_legend(left)
     axes = right.subplots()
     for cup, colour in zip(cups, shades(len(cups)), strict=True):
         label = f"$n$ = {cup.row['modulus_ratio']:g}"
@@ -202,13 +236,14 @@ def limits_figure(results: Results) -> Drawn:
     for axes, theta in zip(panels, (THICK, THIN), strict=True):
         _draw_poisson(axes, [c for c in poisson if abs(c.row["theta_bar"] - theta) < 0.01], theta)
     panels[0].set_title(rf"(b)  $\bar\theta$ = {THICK:g}", loc="left")
-    panels[1].legend(handles=event_handles(list(EVENT_COLOURS), EVENT_COLOURS), loc="best")
+    handles = event_handles(list(EVENT_COLOURS), EVENT_COLOURS)
+    handles.append(cross_handle("first state without ellipticity"))
+    lower.legend(handles=handles, loc="outside lower center", ncols=len(handles))
     comparisons = [
         Comparison(
             f"n = {cup.row['modulus_ratio']:g}",
-            "evaginates" if cup.row["modulus_ratio"] <= 10 else "invaginates",
+            _PAPER_FATES.get(cup.row["modulus_ratio"]),
             "evaginates" if regime(cup.row) == "evaginated" else "invaginates",
-            "" if cup.row["modulus_ratio"] in (10, 50) else "the letter shows n = 50 and n <= 10",
         )
         for cup in cups
     ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, NullLocator
 
 from opticcup_fem.plots import style
 from opticcup_fem.report.figures.base import Comparison, Drawn, labelled
@@ -31,6 +32,13 @@ def plate_figure(results: Results) -> Drawn:
     left.loglog(grid, analytic, color=style.CURVES[0], label="(S35)")
     left.loglog(grid, energy, "--", color=style.CURVES[1], label="comparison of energies")
     left.loglog(ratio, kappa, "o", mfc="white", color=style.INK, label="this code")
+    for axis, places in (
+        (left.xaxis, (8, 10, 15, 20, 30)),
+        (left.yaxis, (0.005, 0.01, 0.02, 0.05)),
+    ):
+        axis.set_major_locator(FixedLocator(places))
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_locator(NullLocator())
     left.legend()
     labelled(left, "$R^p/h$", r"critical $\kappa^p h$", "a")
     right.plot(grid, analytic * grid**2, color=style.CURVES[0])

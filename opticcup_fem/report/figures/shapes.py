@@ -10,6 +10,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize
+from matplotlib.figure import FigureBase
 from matplotlib.patches import Polygon
 
 from opticcup_fem.plots import style
@@ -37,6 +38,14 @@ def draw_shape(axes: Axes, state: State) -> None:
     style.plain_axes(axes)
 
 
+def layer_legend(figure: FigureBase) -> None:
+    """Say below a figure or a part of it which colour is which layer."""
+    layers = [layer for layers in LAYERS.values() for layer in layers]
+    figure.legend(
+        handles=style.layer_handles(layers), loc="outside lower center", ncols=len(layers)
+    )
+
+
 def draw_field(axes: Axes, state: State, name: str, norm: Normalize, colours: str) -> Any:
     """Colour the layers of a state's section by a field; return what a colour bar needs.
 
@@ -51,6 +60,9 @@ def draw_field(axes: Axes, state: State, name: str, norm: Normalize, colours: st
     for region, layers in LAYERS.items():
         part = state["regions"][region]
         faces = np.array(part["faces"])
+        # a field near zero is as white as the paper
+        for side in (1.0, -1.0):
+            axes.plot(side * faces[:, :, 0], faces[:, :, 1], color=style.REFERENCE, lw=0.5)
         for k, layer in enumerate(layers):
             values_at = np.array(part[name][layer])
             field = (values_at[1:] + values_at[:-1]) / 2

@@ -44,7 +44,8 @@ class Bar:
 
     def __enter__(self) -> Self:
         """Show the bar."""
-        self._bar.start()
+        if not self._bar.disable:
+            self._bar.start()
         return self
 
     def __exit__(
@@ -54,7 +55,8 @@ class Bar:
         trace: TracebackType | None,
     ) -> None:
         """Take the bar away."""
-        self._bar.stop()
+        if not self._bar.disable:  # a silent one prints a line
+            self._bar.stop()
 
     def begin(self, what: str, missing: int, known: int) -> None:
         """Begin a batch of ``missing`` tasks; ``known`` more are in the cache already."""

@@ -54,6 +54,8 @@ SOURCES = {
 }
 """The modules on which the results of a model depend: changing one makes its results new ones."""
 
+SOURCES["coexistence"] = (*SOURCES["surface"], "studies/coexistence.py")
+
 
 @dataclass(frozen=True)
 class Task:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import itertools
-import tomllib
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +13,7 @@ from typing import Any, Literal, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from opticcup_fem.case import Case, parse_case
+from opticcup_fem.case import Case, parse_case, read_toml
 from opticcup_fem.errors import CaseError
 
 MOST_POINTS = 100_000
@@ -23,7 +23,7 @@ MOST_POINTS = 100_000
 class Axis(BaseModel):
     """One axis: the values of one key, or of several keys that vary together."""
 
-    model_config = ConfigDict(extra="forbid", populate_by_name=True)
+    model_config = ConfigDict(extra="forbid", populate_by_name=True, allow_inf_nan=False)
     key: str | None = None
     keys: list[str] | None = None
     values: list[Any] | None = None
@@ -64,6 +64,10 @@ class Axis(BaseModel):
             raise ValueError("a range needs either `step` or `count`")
         if self.stop <= self.start:
             raise ValueError("`to` must lie above `from`")
+        if not math.isfinite(self.stop - self.start):
+            raise ValueError("`from` and `to` are too far apart")
+        if self.step is not None and (self.stop - self.start) / self.step > MOST_POINTS:
+            raise ValueError(f"`step` is too small: it would give more than {MOST_POINTS} values")
         if self.scale == "log" and (self.start <= 0 or self.count is None):
             raise ValueError("a logarithmic range needs `from` above 0, and `count`")
 
@@ -134,24 +138,11 @@ def load_study(path: str | Path) -> Study:
         CaseError: It cannot be read, is not TOML, or holds a wrong key or value.
     """
     path = Path(path)
-    data = _toml(path)
+    data = read_toml(path)
     base: dict[str, Any] = {}
     if isinstance(name := data.get("case"), str):
-        base = _toml(path.parent / name)
+        base = read_toml(path.parent / name, "case file")
     return parse_study(data, base, source=str(path))
-
-
-def _toml(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise CaseError(f"{path}: there is no such file") from None
-    except OSError as error:
-        raise CaseError(f"{path}: cannot be read ({error.strerror})") from None
-    except UnicodeDecodeError:
-        raise CaseError(f"{path}: not a text file in UTF-8") from None
-    except tomllib.TOMLDecodeError as error:
-        raise CaseError(f"{path}: not valid TOML: {error}") from None
 
 
 def parse_study(
@@ -175,7 +166,10 @@ def parse_study(
         where = ".".join(str(part) for part in first["loc"])
         what = first["msg"].removeprefix("Value error, ")
         raise CaseError(f"{source}: {where or 'the file'}: {what}") from None
-    tables = _merged(base or {}, file.base)
+    base = base or {}
+    if not all(isinstance(keys, Mapping) for keys in base.values()):
+        parse_case(base, source=f"{source}: base case")
+    tables = _merged(base, file.base)
     # studies are made of many axisymmetric paths; the surface is for who asks for it
     tables.setdefault("run", {}).setdefault("model", "meridian")
     keys = tuple(name for axis in file.axis for name in axis.names)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from opticcup_fem.diagram.regimes import regime
 from opticcup_fem.studies.sweep.cache import Record
+from opticcup_fem.whole_files import new_hdf5, replacing
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -45,9 +45,8 @@ def study_table(
 
 def write_csv(table: pd.DataFrame, path: Path) -> Path:
     """Write a table as CSV, floats to the last digit; the file appears whole."""
-    unfinished = path.with_name(f".{path.name}")
-    table.to_csv(unfinished, index=False, lineterminator="\n")
-    os.replace(unfinished, path)
+    with replacing(path) as unfinished:
+        table.to_csv(unfinished, index=False, lineterminator="\n")
     return path
 
 
@@ -59,8 +58,7 @@ def write_hdf5(table: pd.DataFrame, path: Path) -> Path:
     import h5py
     import pandas as pd
 
-    unfinished = path.with_name(f".{path.name}")
-    with h5py.File(unfinished, "w") as file:
+    with new_hdf5(path) as file:
         for name in table:
             column = table[name]
             numbers = pd.to_numeric(column, errors="coerce")
@@ -69,5 +67,4 @@ def write_hdf5(table: pd.DataFrame, path: Path) -> Path:
             else:
                 texts = ["" if value is None or value != value else str(value) for value in column]
                 file.create_dataset(str(name), data=texts, dtype=h5py.string_dtype())
-    os.replace(unfinished, path)
     return path

@@ -17,6 +17,7 @@ KINDS = {
     "layers": f"{_HERE}.meridian_tasks:layers",
     "plate": f"{_HERE}.meridian_tasks:plate",
     "surface_cup": f"{_HERE}.surface_task:surface_cup",
+    "coexistence": "opticcup_fem.studies.coexistence:task",
 }
 """Module and function of each kind: parameters in, a record out.  Other kinds are such a name."""
 
