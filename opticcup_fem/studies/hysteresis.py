@@ -90,7 +90,7 @@ class _Cup:
         self.case = case
         self.shell = Shell(mesh, sections_of(case), growth_of(case), case.material.closure)
         stepping = stepping_of(case, self.shell)
-        assert isinstance(stepping, LoadStepping)  # no branch by arc length
+        assert isinstance(stepping, LoadStepping)  # branches do not resist contact
         self.stepping = stepping
         self._observer: Observer | None = None
 

@@ -18,23 +18,10 @@ from opticcup_fem.checkpoint import CHECKPOINT, Checkpoint, read_checkpoint, wri
 from opticcup_fem.errors import CaseError, InterruptedRun, RecordError
 from opticcup_fem.records import read_events, read_path
 from opticcup_fem.studies import cup, interruption
-from tests.support.cups import coarse_case
+from tests.support.cups import BETWEEN_PLATES, coarse_case
 from tests.support.interrupted import require_same_run, stop_after
 
 CASE = coarse_case(t_end=0.06, output={"times": [0.02, 0.06]})
-
-BETWEEN_PLATES = coarse_case(
-    t_end=0.012,
-    contact={
-        "mode": "resist",
-        "obstacles": [
-            {"kind": "plate", "centre": [0.0, 0.0, -1.145], "velocity": [0.0, 0.0, 0.2]},
-            {"kind": "plate", "centre": [0.0, 0.0, 1.145]},
-        ],
-    },
-    output={"times": [0.012]},
-)
-"""Grows until it touches two plates, one of which moves; touches after its second state."""
 
 ACROSS_A_BIFURCATION = coarse_case(15.0, 0.32, output={"times": [0.0, 0.1]})
 """Leaves the axisymmetric states along a critical mode near t_n = 0.28."""

@@ -23,6 +23,20 @@ def coarse_case(
     return parse_case(data)
 
 
+BETWEEN_PLATES = coarse_case(
+    t_end=0.012,
+    contact={
+        "mode": "resist",
+        "obstacles": [
+            {"kind": "plate", "centre": [0.0, 0.0, -1.145], "velocity": [0.0, 0.0, 0.2]},
+            {"kind": "plate", "centre": [0.0, 0.0, 1.145]},
+        ],
+    },
+    output={"times": [0.012]},
+)
+"""Grows until it touches two plates, one of which moves; touches after its second state."""
+
+
 def coarse_arguments(keys: Sequence[str] = tuple(COARSE)) -> list[str]:
     """Return the coarse mesh as command-line overrides."""
     return [part for key in keys for part in ("--set", f"mesh.{key}={COARSE[key]}")]

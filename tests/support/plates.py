@@ -1,6 +1,7 @@
 """A deep elastic cap pressed by a rigid plate: half of a sphere squeezed between two.
 
-``python3 -m tests.support.plates CSV RATIO`` prints what it measures and writes it.
+``python3 -m tests.support.plates docs/images/plate.png 50 100`` draws forces for some R/h, whose tables
+it keeps beside the picture and reads when they are there.
 """
 
 import csv
@@ -12,6 +13,7 @@ from pathlib import Path
 from mpi4py import MPI
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from opticcup_fem.contact.model import Contact, ContactSettings
 from opticcup_fem.contact.obstacles import Plate
@@ -21,6 +23,7 @@ from opticcup_fem.equilibrium.newton import MixedNewton
 from opticcup_fem.equilibrium.path import LoadStepping, StepControl
 from opticcup_fem.equilibrium.problem import Problem
 from opticcup_fem.mesh import open_cap_mesh
+from opticcup_fem.plots import style
 from opticcup_fem.shell.growth import LinearGrowth
 from opticcup_fem.shell.model import Shell
 from opticcup_fem.shell.recovery import capture
@@ -104,15 +107,39 @@ def pressed(ratio: float, depth: float, cell: float = 1.0, step: float = 0.04) -
                 float(radii[pushed].max(initial=0.0)) / h,
             )
         )
-        print(" ".join(f"{value:9.4f}" for value in astuple(found[-1])), flush=True)
     if (failure := stepping.failure()) is not None:
         raise failure
     return found
 
 
+def table(path: Path, ratio: float) -> list[Pressed]:
+    """Return the states of a ratio to a depth of 3.5 thicknesses, from a table if it exists."""
+    if not path.exists():
+        with path.open("w", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow([field.name for field in fields(Pressed)])
+            writer.writerows(astuple(row) for row in pressed(ratio, 3.5))
+    with path.open(newline="") as file:
+        return [Pressed(*map(float, row.values())) for row in csv.DictReader(file)]
+
+
+@style.styled
+def draw(out: Path, ratios: list[float]) -> None:
+    """Draw force and gap at the apex over the deflection of the apex and the way of the plate."""
+    figure = Figure(figsize=(8.4, 3.4), layout="constrained")
+    forces, gaps = figure.subplots(1, 2)
+    for ratio, colour in zip(ratios, style.CURVES, strict=False):
+        rows = table(out.with_name(f"{out.stem}-{ratio:g}.csv"), ratio)
+        plate, apex, force, gap, _ = np.array([astuple(row) for row in rows]).T
+        forces.plot(plate, force, ".-", color=colour, label=f"$R/h$ = {ratio:g}")
+        gaps.plot(plate, gap, ".-", color=colour, label=f"$R/h$ = {ratio:g}")
+    line = np.array([0.0, 2.2])
+    forces.plot(line, reissner(1.0) * line, "--", color=style.REFERENCE, label="Reissner")
+    forces.set(xlabel="way of the plate ($h$)", ylabel="force ($E h^3/R$)", xlim=(0, 3.5))
+    gaps.set(xlabel="way of the plate ($h$)", ylabel="gap at the apex ($h$)", xlim=(0, 3.5))
+    forces.legend()
+    style.save(figure, out)
+
+
 if __name__ == "__main__":
-    rows = pressed(float(sys.argv[2]), 3.5)
-    with Path(sys.argv[1]).open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow([field.name for field in fields(Pressed)])
-        writer.writerows(astuple(row) for row in rows)
+    draw(Path(sys.argv[1]), [float(ratio) for ratio in sys.argv[2:]])
