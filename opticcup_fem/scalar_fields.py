@@ -144,30 +144,35 @@ def angles(x: Array) -> tuple[Array, Array]:
     return theta, np.arctan2(x[:, 1], x[:, 0])
 
 
-def require_values(field: ScalarField, key: str, t_end: float, above: float = -np.inf) -> None:
-    """Refuse a field that is not finite, or too small, somewhere on a grid of the shell.
+def require_values(
+    field: ScalarField, key: str, t_end: float, span: tuple[float, float], above: float = -np.inf
+) -> None:
+    """Refuse a field that is not finite, or too small, somewhere on a grid of its layer.
 
     Args:
         field: A field in theta, phi and t_n.
         key: Its name in sentences.
         t_end: It is looked at up to here.
+        span: First and last colatitude of the layer.
         above: Its values lie above this.
 
     Raises:
         CaseError: It is not; the message names the place.
     """
     bound = f" above {above:.4g}" if np.isfinite(above) else ""
-    _require(field, lambda value, t_n: value, key, t_end, above, f"it must be a number{bound}")
+    _require(
+        field, lambda value, t_n: value, key, t_end, span, above, f"it must be a number{bound}"
+    )
 
 
-def require_growth(field: ScalarField, key: str, t_end: float) -> None:
+def require_growth(field: ScalarField, key: str, t_end: float, span: tuple[float, float]) -> None:
     """Refuse a rate of growth with which 1 + rate t_n does not stay positive.
 
     Raises:
         CaseError: It does not; the message names the place.
     """
     meaning = "the growth factor 1 + rate t_n must stay positive"
-    _require(field, lambda value, t_n: 1 + value * t_n, key, t_end, 0.0, meaning)
+    _require(field, lambda value, t_n: 1 + value * t_n, key, t_end, span, 0.0, meaning)
 
 
 def _require(
@@ -175,10 +180,11 @@ def _require(
     judged: Callable[[Array, float], Array],
     key: str,
     t_end: float,
+    span: tuple[float, float],
     above: float,
     meaning: str,
 ) -> None:
-    theta, phi = np.meshgrid(np.linspace(0, np.pi, 61), np.linspace(-np.pi, np.pi, 49))
+    theta, phi = np.meshgrid(np.linspace(*span, 61), np.linspace(-np.pi, np.pi, 49))
     for t_n in np.linspace(0, t_end, 21):
         values = np.broadcast_to(field(t_n, theta, phi), theta.shape)
         with np.errstate(invalid="ignore"):

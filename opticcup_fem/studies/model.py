@@ -60,12 +60,18 @@ def growth_of(case: Case) -> dict[str, GrowthLaw]:
     """
     t_end = case.run.t_end
     for key, value in fields_of(case).items():
-        field = ScalarField(value)
+        field, span = ScalarField(value), _span(case, key[-3:])
         if key.startswith("growth"):
-            require_growth(field, key, t_end)
+            require_growth(field, key, t_end, span)
         elif key.startswith("material"):
-            require_values(field, key, t_end, above=0.0)
+            require_values(field, key, t_end, span, above=0.0)
     return {layer: _law_of(case, layer) for layer in LAYERS}
+
+
+def _span(case: Case, layer: str) -> tuple[float, float]:
+    """Return the first and the last colatitude of a layer; on a disk its radii."""
+    alpha = 1.0 if case.shape.kind == "disk" else case.shape.opening_angle
+    return (alpha, math.pi) if layer == "oov" else (0.0, alpha)
 
 
 def _law_of(case: Case, layer: str) -> GrowthLaw:
@@ -103,7 +109,8 @@ def balance_laws_of(case: Case) -> dict[str, BalanceLaw]:
         source, diffusivity, edge_flux = map(
             ScalarField, (keys.source, keys.diffusivity, keys.edge_flux)
         )
-        require_values(diffusivity, f"mass.{layer}.diffusivity", case.run.t_end, above=-1e-300)
+        key = f"mass.{layer}.diffusivity"
+        require_values(diffusivity, key, case.run.t_end, _span(case, layer), above=-1e-300)
         laws[layer] = BalanceLaw(
             stimulus_of(case, layer),
             partial(_source, source),

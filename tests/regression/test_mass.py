@@ -85,10 +85,11 @@ DRAINED = {"source": "-20", "kind": "swelling", "specific_volume": 0.1}
 
 FLUX = with_mass(
     coarse_case(t_end=0.02, output={"times": [0.01, 0.02]}),
-    iov={"source": "20*exp(-8*theta**2)", "diffusivity": 0.1, "specific_volume": 0.5},
+    iov={"source": "20*exp(-8*theta**2)", "diffusivity": 0.02, "specific_volume": 0.5},
 )
 
 
+@pytest.mark.slow
 def test_mass_that_spreads(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Balance closed at every step; interrupted, it goes on as if it had not been; fields."""
     one, two = tmp_path / "one", tmp_path / "two"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 
 from mpi4py import MPI
 
@@ -25,11 +24,13 @@ WALL = Section([Layer("wall", 0.1, 1.0, 0.45, 3)])
 LAWS = {"wall": LinearGrowth(0.0)}
 
 
-@dataclass
 class Sphere:
-    """The balance of a sphere and its quadrature points' positions at rest."""
+    """The balance of a sphere."""
 
-    balance: MassBalance
+    def __init__(self, balance: MassBalance) -> None:
+        """Take the balance, before any growth."""
+        self.balance = balance
+        self.start = balance.geometry["wall"]
 
     @property
     def layer(self) -> LayerBalance:
@@ -43,10 +44,6 @@ class Sphere:
         """Where the layer is on a sphere of another radius."""
         one = self.start
         return {"wall": Geometry(radius * one.stretch, thickness * one.thickness)}
-
-    def __post_init__(self) -> None:
-        """Measure the sphere at its start."""
-        self.start = self.balance.geometry["wall"]
 
     def begin(self, mass: np.ndarray) -> None:
         """Go back to t_n = 0 with a mass per initial mass."""

@@ -83,7 +83,9 @@ def test_values_without_a_meaning_are_refused_with_their_place():
     with pytest.raises(CaseError, match=r"growth\.iov .* theta = .* must stay positive"):
         growth_of(parse_case({"growth": {"iov": "-1.2*cos(theta)"}}))
     with pytest.raises(CaseError, match=r"stiffness_oov .* a number above 0 everywhere"):
-        growth_of(parse_case({"material": {"stiffness_oov": "cos(theta)"}}))
+        growth_of(
+            parse_case({"material": {"stiffness_oov": "cos(theta)", "stiffness_iov": "cos(theta)"}})
+        )
     growth_of(parse_case({"growth": {"iov": "-0.9*cos(theta)"}}))
 
 
