@@ -1,7 +1,7 @@
 """A deep elastic cap pressed by a rigid plate: half of a sphere squeezed between two.
 
-``python3 -m tests.support.plates docs/images/plate.png 50 100`` draws forces for some R/h, whose tables
-it keeps beside the picture and reads when they are there.
+``python3 -m tests.support.plates docs/images/plate.png 50 100`` draws the forces for some R/h, the
+tables of which it keeps beside the picture and reads when they are there.
 """
 
 import csv
@@ -125,12 +125,12 @@ def table(path: Path, ratio: float) -> list[Pressed]:
 
 @style.styled
 def draw(out: Path, ratios: list[float]) -> None:
-    """Draw force and gap at the apex over the deflection of the apex and the way of the plate."""
+    """Draw force and gap at the apex over the way of the plate."""
     figure = Figure(figsize=(8.4, 3.4), layout="constrained")
     forces, gaps = figure.subplots(1, 2)
     for ratio, colour in zip(ratios, style.CURVES, strict=False):
         rows = table(out.with_name(f"{out.stem}-{ratio:g}.csv"), ratio)
-        plate, apex, force, gap, _ = np.array([astuple(row) for row in rows]).T
+        plate, _, force, gap, _ = np.array([astuple(row) for row in rows]).T
         forces.plot(plate, force, ".-", color=colour, label=f"$R/h$ = {ratio:g}")
         gaps.plot(plate, gap, ".-", color=colour, label=f"$R/h$ = {ratio:g}")
     line = np.array([0.0, 2.2])
