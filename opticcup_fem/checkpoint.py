@@ -34,12 +34,14 @@ class Checkpoint:
         numbers: Numbers and records, as JSON knows them.
         states: Arrays of each state; none for a run that goes on from its beginning.
         corners: Vertices of the mesh's cells, shape (n, 3, 3), to which the arrays belong.
+        balance: Arrays of the mass balance, none where there is none.
     """
 
     case: str
     numbers: Mapping[str, Any] = field(default_factory=dict)
     states: tuple[Mapping[str, NDArray[np.float64]], ...] = ()
     corners: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 3, 3)))
+    balance: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
 
 
 def write_checkpoint(folder: Path, checkpoint: Checkpoint) -> None:
@@ -56,6 +58,9 @@ def write_checkpoint(folder: Path, checkpoint: Checkpoint) -> None:
         for k, arrays in enumerate(checkpoint.states):
             for name, values in arrays.items():
                 file[f"states/{k}/{name}"] = values
+        file.create_group("balance")
+        for name, values in checkpoint.balance.items():
+            file[f"balance/{name}"] = values
 
 
 def read_checkpoint(folder: Path) -> Checkpoint:
@@ -87,6 +92,7 @@ def read_checkpoint(folder: Path) -> Checkpoint:
                     for k in range(len(states))
                 ),
                 corners=file["corners"][()],
+                balance={name: values[()] for name, values in file["balance"].items()},
             )
     except (OSError, KeyError) as error:
         raise CaseError(f"{path} is no checkpoint of a run ({error}): run its case again") from None

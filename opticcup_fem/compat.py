@@ -1,14 +1,23 @@
-"""The differences between dolfinx 0.9 and later versions, one small function each."""
+"""The differences between versions of what we stand on, one small function each.
+
+dolfinx 0.9 and later, with their UFL and FFCx; PyVista 0.44 and later.  Nothing heavy is imported
+at the top: pictures need no dolfinx.
+"""
+
+from __future__ import annotations
 
 import importlib
 import importlib.metadata
-from typing import Any
-
-from mpi4py import MPI
+import inspect
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem, mesh
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+    from dolfinx import fem, mesh
 
 __all__ = [
     "KERNEL_HAS_CUSTOM_DATA",
@@ -16,6 +25,7 @@ __all__ = [
     "cell_name",
     "interpolation_points",
     "model_to_mesh",
+    "outer_surface",
 ]
 
 
@@ -44,7 +54,8 @@ def model_to_mesh(model: Any, comm: MPI.Comm) -> tuple[mesh.Mesh, mesh.MeshTags,
     data = importlib.import_module("dolfinx.io.gmsh").model_to_mesh(model, comm, 0, gdim=3)
     if data.facet_tags is None:
         none = np.empty(0, dtype=np.int32)
-        return data.mesh, data.cell_tags, mesh.meshtags(data.mesh, 1, none, none)
+        meshtags = importlib.import_module("dolfinx.mesh").meshtags
+        return data.mesh, data.cell_tags, meshtags(data.mesh, 1, none, none)
     return data.mesh, data.cell_tags, data.facet_tags
 
 
@@ -75,6 +86,15 @@ def cell_corners(msh: mesh.Mesh) -> npt.NDArray[np.int32]:
     geometry: Any = msh.geometry
     is_old = _version("fenics-dolfinx") < (0, 11)
     return np.asarray(geometry.dofmap if is_old else geometry.dofmaps[0])
+
+
+def outer_surface(grid: Any) -> Any:
+    """Return the outer faces of a PyVista grid as PolyData, by VTK's dataset surface filter.
+
+    The filter is an argument since PyVista 0.47, and will have another default.
+    """
+    named = "algorithm" in inspect.signature(grid.extract_surface).parameters
+    return grid.extract_surface(**({"algorithm": "dataset_surface"} if named else {}))
 
 
 KERNEL_HAS_CUSTOM_DATA = _version("fenics-ffcx") >= (0, 10)

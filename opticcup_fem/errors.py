@@ -127,3 +127,28 @@ class ClosureBreakdown(OpticCupError):
     def at(self, t_n: float) -> ClosureBreakdown:
         """Return the same breakdown with its normalised time filled in."""
         return type(self)(self.closure, self.layer, self.height, self.position, t_n)
+
+
+class UnbalancedLayer(OpticCupError):
+    """The mass balance of a layer has no solution with mass everywhere."""
+
+    def __init__(self, layer: str, what: str, position: Sequence[float], t_n: float) -> None:
+        """Build the sentence from its fields.
+
+        Args:
+            layer: Name of the layer.
+            what: What the balance does, a verb with its object.
+            position: Place on the shell at rest, shape (3,), in units of R for cups.
+            t_n: Normalised time for which it was tried.
+        """
+        self.layer, self.what, self.t_n = layer, what, t_n
+        self.position = tuple(float(x) for x in position)
+        where = ", ".join(f"{x:.4g}" for x in self.position)
+        super().__init__(
+            f"the mass balance of layer {layer} {what} at t_n = {t_n:.6g}, at rest at ({where}); "
+            f"everything up to there is kept; look at mass.{layer}.source"
+        )
+
+    def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+        """Pickle by fields: the default would hand the sentence to ``__init__``."""
+        return type(self), (self.layer, self.what, self.position, self.t_n)

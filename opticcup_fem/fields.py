@@ -32,7 +32,8 @@ def write_fields(
     ``lambda_3_<layer>`` and ``stress_<layer>``, NaN where the layer is absent.  Cell data:
     ``region``, and for each layer ``inner_face_<layer>``, the k of its inner ``boundary_k``, -1
     where the layer is absent.  Point data ``node`` numbers the points that are one node, and
-    ``contact_traction`` is the force of contact per reference area, where contact is resisted.
+    ``contact_traction`` is the force of contact per reference area, where contact is resisted;
+    ``e_<layer>`` and ``rho_<layer>`` (over rho_0) are there where a mass balance is solved.
 
     Args:
         path: The file; replaced in one step once it is complete.
@@ -57,6 +58,8 @@ def write_fields(
         data[f"lambda_3_{layer}"] = per_cell(stretch)
     for layer, stress in snapshot.stress.items():
         data[f"stress_{layer}"] = per_cell(stress)
+    for name, values in snapshot.growth.items():
+        data[name] = per_cell(values)
     for name, values in (vectors or {}).items():
         data[name] = per_cell(values[snapshot.cells])
     if snapshot.contact_traction is not None:

@@ -49,6 +49,7 @@ class Reordering:
             orientation=snapshot.orientation[order],
             thickness_stretch={k: v[order] for k, v in snapshot.thickness_stretch.items()},
             stress={k: v[order] for k, v in snapshot.stress.items()},
+            growth={k: v[order] for k, v in snapshot.growth.items()},
             faces={name: v[region_rows(name)] for name, v in snapshot.faces.items()},
             contact_traction=None if traction is None else traction[self.nodes],
         )

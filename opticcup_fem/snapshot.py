@@ -6,7 +6,7 @@ here knows a finite-element library, so snapshots can come from any solver, or f
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -92,6 +92,9 @@ class Snapshot:
             region's cells (in the order of `cells_of`), shape (m_region, 10, n_layers + 1, 3).
         contact_traction: Force of contact on the nodes per reference area, shape (n, 3), where
             contact is resisted.
+        growth: e and rho/rho_0 of layers that grow by their mass balance, ``e_<layer>`` and
+            ``rho_<layer>`` at the nodes of the cells, shape (m, 10); NaN in cells without the
+            layer.
     """
 
     t_n: float
@@ -106,6 +109,7 @@ class Snapshot:
     stress: Mapping[str, Floats]
     faces: Mapping[str, Floats]
     contact_traction: Floats | None = None
+    growth: Mapping[str, Floats] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Raise ValueError where the arrays do not fit together."""

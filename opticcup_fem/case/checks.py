@@ -7,8 +7,10 @@ import math
 from typing import TYPE_CHECKING
 
 from opticcup_fem.errors import CaseError
+from opticcup_fem.expressions import variables_of
 
 if TYPE_CHECKING:
+    from opticcup_fem.case.field_values import FieldValue
     from opticcup_fem.case.tables import Case
 
 # About a thousand times the baseline's mesh: beyond it, a size is taken for a slip of the pen.
@@ -68,6 +70,61 @@ def require_perfect(case: Case, what: str) -> None:
         )
 
 
+LAYERS = ("ecm", "iov", "oov")
+
+
+def fields_of(case: Case) -> dict[str, FieldValue]:
+    """Return the values of a case that may vary over the shell, by key."""
+    fields: dict[str, FieldValue] = {}
+    for layer in LAYERS:
+        mass = getattr(case.mass, layer)
+        for name in ("stiffness", "thickness"):
+            fields[f"material.{name}_{layer}"] = getattr(case.material, f"{name}_{layer}")
+        if mass.source == "":
+            fields[f"growth.{layer}"] = getattr(case.growth, layer)
+        else:
+            for name in ("source", "diffusivity", "edge_flux"):
+                fields[f"mass.{layer}.{name}"] = getattr(mass, name)
+    return fields
+
+
+def require_axisymmetric(case: Case, what: str) -> None:
+    """Refuse a case with values that vary in phi.
+
+    Args:
+        case: The case.
+        what: What is for axisymmetric shells only, as the subject of a sentence.
+
+    Raises:
+        CaseError: One of its formulas has phi.
+    """
+    for key, value in fields_of(case).items():
+        if isinstance(value, str) and "phi" in variables_of(value, ("theta", "phi", "t_n", "rho")):
+            raise CaseError(
+                f'{key} = "{value}" is not possible: {what} for axisymmetric shells only; leave '
+                'phi out, or take run.model = "surface" in a run'
+            )
+
+
+def require_prescribed_numbers(case: Case, what: str) -> None:
+    """Refuse a case whose growth or material is not the same everywhere, or is solved for.
+
+    Args:
+        case: The case.
+        what: What is for uniform, prescribed growth only, as the subject of a sentence.
+
+    Raises:
+        CaseError: A layer has a mass balance, a table or a formula, or is uneven.
+    """
+    for key, value in fields_of(case).items():
+        uniform = isinstance(value, float) and (key.startswith("growth") or value == 1)
+        if not uniform or key.startswith("mass"):
+            raise CaseError(
+                f"{key} = {show(value)} is not possible: {what} for prescribed growth at one rate "
+                "in uniform layers only"
+            )
+
+
 def _reject(key: str, value: object, allowed: str) -> None:
     raise ValueError(f"{key} = {show(value)} is not possible: {allowed}")
 
@@ -105,14 +162,46 @@ def _check_closure_takes_poisson(case: Case) -> None:
 
 
 def _check_growth_stays_positive(case: Case) -> None:
-    for layer in ("ecm", "iov", "oov"):
+    for layer in LAYERS:
         rate = getattr(case.growth, layer)
+        if not isinstance(rate, float) or getattr(case.mass, layer).source != "":
+            continue  # what varies is looked at where it is evaluated
         if 1.0 + rate * case.run.t_end <= 0.0:
             _reject(
                 f"growth.{layer}",
                 rate,
                 f"the growth factor 1 + rate t_n must stay positive up to run.t_end = "
                 f"{case.run.t_end:g}; take a rate above {-1 / case.run.t_end:g}",
+            )
+
+
+def _check_mass(case: Case) -> None:
+    for layer in LAYERS:
+        mass = getattr(case.mass, layer)
+        for name in ("diffusivity", "edge_flux"):
+            if mass.source == "" and getattr(mass, name) != 0:
+                _reject(
+                    f"mass.{layer}.{name}",
+                    getattr(mass, name),
+                    f'without a balance it means nothing; set mass.{layer}.source, "0" for none',
+                )
+        if mass.edge_flux != 0 and mass.diffusivity == 0:
+            _reject(
+                f"mass.{layer}.edge_flux",
+                mass.edge_flux,
+                f"nothing flows in the layer; set mass.{layer}.diffusivity",
+            )
+        if mass.stiffness and mass.kind != "other":
+            _reject(
+                f"mass.{layer}.stiffness",
+                mass.stiffness,
+                f'it is that of another material; set mass.{layer}.kind = "other" as well',
+            )
+        if mass.source != "" and case.run.follow == "branch":
+            _reject(
+                f"mass.{layer}.source",
+                mass.source,
+                'a branch goes back in time, which a balance cannot; take run.follow = "stable"',
             )
 
 
@@ -232,6 +321,7 @@ CROSS_CHECKS = (
     _check_cap_is_a_shell,
     _check_closure_takes_poisson,
     _check_growth_stays_positive,
+    _check_mass,
     _check_imperfection,
     _check_mesh_resolves_the_shape,
     _check_mesh_is_not_endless,

@@ -6,7 +6,7 @@ import difflib
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, get_args, get_origin
+from typing import Any, Literal, TypeGuard, get_args, get_origin
 
 import tomlkit
 from pydantic import BaseModel, ValidationError
@@ -144,15 +144,17 @@ def write_case(case: Case, path: str | Path, versions: Mapping[str, str] | None 
 
 def _apply_override(data: dict[str, Any], override: str) -> None:
     name, equals, text = override.partition("=")
-    table, dot, key = (part.strip() for part in name.partition("."))
-    if not (equals and dot and table and key and text.strip()):
+    *tables, key = (part.strip() for part in name.split("."))
+    if not (equals and tables and all([*tables, key]) and text.strip()):
         raise CaseError(
             f"override {override!r}: write it as table.key=value, "
             "for example shape.radius_over_thickness=15"
         )
-    section = data.setdefault(table, {})
-    if not isinstance(section, dict):
-        raise CaseError(f"override {override!r}: {table} is not a table in this case")
+    section = data
+    for table in tables:
+        section = section.setdefault(table, {})
+        if not isinstance(section, dict):
+            raise CaseError(f"override {override!r}: {table} is not a table in this case")
     section[key] = _parse_value(text.strip())
 
 
@@ -186,7 +188,11 @@ def _explain(error: ErrorDetails) -> str:
         return f"{name} is missing: {_allowed(field)}"
     is_entry = inside and error["type"] != "missing"
     place = f"entry {int(inside[0]) + 1} of {name}" if is_entry else name
-    return f"{place} = {show(error['input'])} is not possible: {_allowed(field)}"
+    allowed = _allowed(field)
+    if error["type"] == "value_error":
+        allowed = _sentence_part(error["msg"].removeprefix("Value error, "))
+        allowed += f" ({field.description})"
+    return f"{place} = {show(error['input'])} is not possible: {allowed}"
 
 
 def _explain_unknown(model: type[BaseModel], key: str, where: str) -> str:
@@ -206,15 +212,24 @@ def _table_of(
 
     Keys of tables in an array are called, say, "radius in entry 1 of contact.obstacles".
     """
-    if len(loc) == 1:
-        return Case, "{}", loc
-    model = Case.model_fields[str(loc[0])].annotation
-    assert isinstance(model, type) and issubclass(model, BaseModel)
-    if len(loc) > 3:
-        entry = get_args(model.model_fields[str(loc[1])].annotation)[0]
-        if isinstance(entry, type) and issubclass(entry, BaseModel):
-            return entry, f"{{}} in entry {int(loc[2]) + 1} of {loc[0]}.{loc[1]}", loc[3:]
-    return model, f"{loc[0]}.{{}}", loc[1:]
+    model: type[BaseModel] = Case
+    above, where = "", "{}"
+    while len(loc) > 1:
+        name, annotation = str(loc[0]), model.model_fields[str(loc[0])].annotation
+        entry = next(iter(get_args(annotation)), None)
+        if _is_table(annotation):
+            model, loc, above = annotation, loc[1:], f"{above}{name}."
+            where = above + "{}"
+        elif len(loc) > 2 and _is_table(entry):
+            where = f"{{}} in entry {int(loc[1]) + 1} of {above}{name}"
+            model, loc = entry, loc[2:]
+        else:
+            break
+    return model, where, loc
+
+
+def _is_table(annotation: Any) -> TypeGuard[type[BaseModel]]:
+    return isinstance(annotation, type) and issubclass(annotation, BaseModel)
 
 
 def _allowed(field: FieldInfo) -> str:
@@ -226,6 +241,8 @@ def _allowed(field: FieldInfo) -> str:
     if annotation in (int, float):
         noun = "a whole number" if annotation is int else "a number"
         return f"give {noun}{_bounds(field)}{meaning}"
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return f"give a table of {', '.join(annotation.model_fields)}{meaning}"
     arguments = get_args(annotation)
     if get_origin(annotation) is Literal:
         return f"give one of {', '.join(show(a) for a in arguments)}{meaning}"

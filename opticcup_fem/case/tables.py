@@ -20,11 +20,11 @@ from pydantic import (
 )
 
 from opticcup_fem.case.checks import CROSS_CHECKS
+from opticcup_fem.case.field_values import NonNegativeRate, Profile, Rate, Share, Source
 
 Closure = Literal["layer-stretch", "paper", "closed-form", "condensed"]
 Positive = Annotated[float, Field(gt=0)]
 Ratio = Annotated[float, Field(ge=1e-6, le=1e6)]
-Rate = Annotated[float, Field(ge=-1000, le=1000)]
 CellSize = Annotated[float, Field(ge=1e-3)]
 Seed = Annotated[int, Field(ge=0, le=2**31 - 1)]
 PointCount = Annotated[int, Field(ge=1, le=64)]
@@ -90,22 +90,72 @@ class Material(_Table):
         strict=False,  # a TOML array is a list
         description="Gauss points through ECM, IOV, OOV",
     )
+    stiffness_ecm: Share = Field(
+        default=1.0, description="factor on the modulus of the ECM: number, table, formula"
+    )
+    stiffness_iov: Share = Field(default=1.0, description="the same of the IOV")
+    stiffness_oov: Share = Field(default=1.0, description="the same of the OOV")
+    thickness_ecm: Profile = Field(
+        default=1.0, description="factor on the thickness of the ECM at rest: number, formula"
+    )
+    thickness_iov: Profile = Field(default=1.0, description="the same of the IOV")
+    thickness_oov: Profile = Field(default=1.0, description="the same of the OOV")
 
 
 class Growth(_Table):
-    """In-plane growth factors of the layers, e = 1 + rate t_n."""
+    """In-plane growth factors of the layers, e = 1 + rate t_n.
 
-    ecm: Rate = Field(default=0.0, description="rate of the ECM")
+    A rate is a number, a table in t_n or a formula in theta, phi, t_n.
+    """
+
+    ecm: Rate = Field(default=0.0, description="rate of the ECM: number, table, formula")
     iov: Rate = Field(default=5.0, description="rate of the IOV")
     oov: Rate = Field(default=1.5, description="rate of the OOV")
     mass_change: bool = Field(
         default=True, description="true: density-preserving growth, stress factor e^2; false: 1"
     )
 
-    def factor(self, layer: Literal["ecm", "iov", "oov"], t_n: float) -> float:
-        """Return the growth factor e of a layer at the normalised time `t_n`."""
-        rate = {"ecm": self.ecm, "iov": self.iov, "oov": self.oov}[layer]
-        return 1.0 + rate * t_n
+
+Kind = Literal["default", "growth", "other", "swelling", "heating"]
+
+
+class LayerMass(_Table):
+    """What makes a layer grow, and what that does to its stress.
+
+    With a ``source`` its mass balance is solved, (S9), and its growth rate is not used.
+    """
+
+    kind: Kind = Field(
+        default="default",
+        description="growth: by the same material; other: by another; swelling; heating; default: "
+        "growth, or swelling with growth.mass_change = false",
+    )
+    source: Source = Field(
+        default="", description="S per volume in rho_0 per t_n: number, table, formula also in rho"
+    )
+    diffusivity: NonNegativeRate = Field(
+        default=0.0, description="D in R^2 per t_n: number, table, formula"
+    )
+    edge_flux: Rate = Field(
+        default=0.0, description="mass that leaves by the layer's edge, in rho_0 R per t_n"
+    )
+    specific_volume: float = Field(
+        default=1.0, gt=0, description="v_m in 1/rho_0; 1 preserves the density"
+    )
+    stiffness: float = Field(
+        default=0.0, ge=0, description="other: energy per mass of what is added, over the tissue's"
+    )
+
+
+class Mass(_Table):
+    """Mass balance and kind of growth of every layer."""
+
+    ecm: LayerMass = Field(default=LayerMass(), description="of the ECM")
+    iov: LayerMass = Field(default=LayerMass(), description="of the IOV")
+    oov: LayerMass = Field(default=LayerMass(), description="of the OOV")
+    tolerance: float = Field(
+        default=1e-6, gt=0, lt=1e-3, description="change of e that ends the iteration of a step"
+    )
 
 
 class Imperfection(_Table):
@@ -256,6 +306,7 @@ class Case(_Table):
     shape: Shape = Field(default=Shape(), description="geometry")
     material: Material = Field(default=Material(), description="layers and closure")
     growth: Growth = Field(default=Growth(), description="growth factors e = 1 + rate t_n")
+    mass: Mass = Field(default=Mass(), description="mass balance, kinds of growth")
     imperfection: Imperfection = Field(
         default=Imperfection(), description="surface model only: of the mid-surface"
     )

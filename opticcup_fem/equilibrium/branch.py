@@ -258,7 +258,7 @@ class BranchPath:
             equations.unpack(last.x),
             equations.unpack(last.dx),
             None if before is None else equations.unpack(before.dx),
-            (last.t, last.dt, last.arc, last.iterations),
+            (last.t, last.dt, last.arc, last.iterations - last.turns),
             None if before is None else (before.dt, before.arc),
             count,
         )

@@ -72,6 +72,10 @@ FARTHEST = 1.0
 """Newton steps longer than this, in arc length, have lost the path."""
 
 
+MOST_TURNS = 20
+"""Times that a solution may change the equations it solves."""
+
+
 class Inadmissible(ArithmeticError):
     """A point lies outside the domain of the equations; the cause is chained."""
 
@@ -163,6 +167,7 @@ class PathState:
         iterations: Newton iterations spent on it, failed steps included.
         residual: Norm of F.
         is_fold: Whether it is a localised limit point.
+        turns: Iterations among these that followed changes of the equations.
     """
 
     t: float
@@ -173,6 +178,7 @@ class PathState:
     iterations: int = 0
     residual: float = 0.0
     is_fold: bool = False
+    turns: int = 0
 
 
 @dataclass
@@ -206,12 +212,15 @@ class Continuation:
         control: Steps.
         ending: Set when the path could not be followed to its end.
         monitor: Called at every Newton iteration.
+        settle: Called with (x, t) of a solution; returns whether that has changed the equations, so
+            that the iteration has to go on.  It may raise ``Inadmissible``.
     """
 
     problem: ContinuationProblem
     control: ArcControl = field(default_factory=ArcControl)
     ending: Ending | None = None
     monitor: Callable[[], None] | None = None
+    settle: Callable[[Array, float], bool] | None = None
 
     def solve_at(self, x: Array, t: float) -> PathState | None:
         """Return the solution at a fixed load near ``x``, None if Newton's method fails."""
@@ -343,7 +352,7 @@ class Continuation:
 
     def _next_step(self, before: PathState, last: PathState) -> float:
         """Return the step after that from one solution to the next."""
-        factor = 2.0 ** ((self.control.wanted - last.iterations) / 2)
+        factor = 2.0 ** ((self.control.wanted - (last.iterations - last.turns)) / 2)
         used = last.arc - before.arc
         return min(used * min(max(factor, 0.5), 1.6), self.control.largest)
 
@@ -364,7 +373,9 @@ class Continuation:
         self, x: Array, t: float, row: Array, entry: float, x_0: Array, t_0: float, arc: float
     ) -> _Attempt:
         """Solve F = 0 on the plane <row, x - x_0> + entry (t - t_0) = 0."""
-        for iteration in range(1, self.control.iterations + 1):
+        iteration, left, turns, direct = 0, self.control.iterations, 0, 0
+        while left > 0:
+            iteration, left = iteration + 1, left - 1
             value = self.problem.inner(row, x_0 - x) + entry * (t_0 - t)
             try:
                 linear = self.problem.linearise(x, t)
@@ -380,9 +391,20 @@ class Continuation:
             if self.monitor is not None:
                 self.monitor()
             if length <= self.control.tolerance:
-                state = PathState(t, x, x, 0.0, arc, iteration, linear.residual)
+                try:
+                    changed = self.settle is not None and self.settle(x, t)
+                except Inadmissible as cause:
+                    return _Attempt(None, iteration, cause)
+                direct = direct or iteration
+                if changed:
+                    turns += 1
+                    left = self.control.iterations if turns < MOST_TURNS else 0
+                    continue
+                state = PathState(
+                    t, x, x, 0.0, arc, iteration, linear.residual, turns=iteration - direct
+                )
                 return _Attempt(self._with_tangent(state, tangent), iteration)
-        return _Attempt(None, self.control.iterations)
+        return _Attempt(None, iteration)
 
     # --- points between two steps -------------------------------------------------------------
 

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from opticcup_fem.equilibrium.problem import Inertia, Problem
+from opticcup_fem.equilibrium.transport import settle
 from opticcup_fem.shell.condensation import CondensedCells
 from opticcup_fem.shell.model import LostPlace, ShellState
 
@@ -41,6 +42,9 @@ pairs that touch and do not, and descent goes on better."""
 MOST_RENEWALS = 30
 """Solves for one state while faces and obstacles are brought up to date."""
 
+
+MOST_TURNS = 20
+"""Solves for one state while growth by mass balance is brought up to date."""
 
 WANDERING = 10.0
 """A residual this many times the smallest one before ends a solve; measured on growing cups."""
@@ -70,6 +74,7 @@ class Solution:
         residual: Final residual norm.
         lost: The fibre that allowed no step, and its place, where that was the reason.
         best: The iterate with the smallest residual, None where none was admissible.
+        turns: Iterations among these that followed changes of growth by mass balance.
     """
 
     state: ShellState
@@ -79,6 +84,7 @@ class Solution:
     residual: float
     lost: LostPlace | None = None
     best: ShellState | None = None
+    turns: int = 0
 
 
 class MixedNewton:
@@ -141,9 +147,33 @@ class MixedNewton:
                 solution is one that can be reached from there, and no contact is evaluated on a
                 way on which nothing touches.
 
+        Where layers grow by their mass balance, growth and deformation are solved for in turn until
+        neither changes the other.
+
         Returns:
             The outcome; a failure is a value, not an exception.
+
+        Raises:
+            UnbalancedLayer: A mass balance has no solution.
         """
+        solution = self._solve_at_growth(state, drag, before)
+        spent, balanced = solution.iterations, solution
+        for _ in range(MOST_TURNS):
+            if drag is not None or not balanced.converged or not self._settle(balanced.state):
+                return replace(balanced, iterations=spent, turns=spent - solution.iterations)
+            balanced = self._solve_at_growth(balanced.state, None, before)
+            spent += balanced.iterations
+        return replace(balanced, converged=False, reason="MASS_NOT_SETTLED", iterations=spent)
+
+    def _settle(self, state: ShellState) -> bool:
+        """Solve the mass balance in a state; return whether growth changed (collective)."""
+        shell = self.problem.shell
+        return shell.balance is not None and settle(shell, state)
+
+    def _solve_at_growth(
+        self, state: ShellState, drag: Drag | None, before: ShellState | None
+    ) -> Solution:
+        """Solve for equilibrium with the growth as it is (collective)."""
         problem, contact = self.problem, self.problem.contact
         if contact is None:
             return self._solve(state, drag)

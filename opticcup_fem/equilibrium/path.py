@@ -9,13 +9,19 @@ import numpy as np
 
 from opticcup_fem.equilibrium.critical import CriticalPoint, CriticalPoints, Known
 from opticcup_fem.equilibrium.jumps import Relaxation
-from opticcup_fem.equilibrium.newton import MixedNewton, Solution
+from opticcup_fem.equilibrium.newton import MOST_TURNS, MixedNewton, Solution
 from opticcup_fem.equilibrium.problem import Problem
 from opticcup_fem.equilibrium.relaxation import Relaxed
 from opticcup_fem.equilibrium.spectrum import Mode
 from opticcup_fem.equilibrium.stability import NegativeEigenvalues
 from opticcup_fem.equilibrium.steps import Course, History, StepControl
-from opticcup_fem.errors import ClosureBreakdown, ConvergenceError, OpticCupError
+from opticcup_fem.equilibrium.transport import begin_step, commit, settle
+from opticcup_fem.errors import (
+    ClosureBreakdown,
+    ConvergenceError,
+    OpticCupError,
+    UnbalancedLayer,
+)
 from opticcup_fem.shell.model import ShellState
 
 PUSHES = (0.01, 0.02, 0.04, 0.08, 0.16)
@@ -58,19 +64,32 @@ class PathPoint:
 
 @dataclass(frozen=True)
 class Attempt:
-    """One Newton solve: an accepted point, an equilibrium that is not accepted, or neither."""
+    """One Newton solve: an accepted point, an equilibrium that is not accepted, or neither.
+
+    Where there was nothing to solve for, ``unbalanced`` tells why.
+    """
 
     solution: Solution
     point: PathPoint | None = None
     unstable: ShellState | None = None
+    unbalanced: UnbalancedLayer | None = None
 
 
 @dataclass(frozen=True)
 class PathEnd:
-    """Why a path ended before its end: the last attempt and the time that it was for."""
+    """Why a path ended before its end.
+
+    Attributes:
+        t_n: Normalised time of the last attempt.
+        attempt: The last attempt.
+        unbalanced: The mass balance that has no solution, where that was the reason.
+        critical: The critical point at which stability was lost, where it was looked for.
+    """
 
     t_n: float
     attempt: Solution | Relaxed
+    unbalanced: UnbalancedLayer | None = None
+    critical: CriticalPoint | None = None
 
 
 @dataclass(frozen=True)
@@ -148,6 +167,8 @@ class LoadStepping:
         if self.end is None:
             return None
         t_n, attempt = self.end.t_n, self.end.attempt
+        if self.end.unbalanced is not None:
+            return self.end.unbalanced
         if attempt.lost is not None:
             fibre, place = attempt.lost
             closure = self.problem.shell.closure
@@ -187,6 +208,7 @@ class LoadStepping:
                 return
             point, dt = first.point, control.initial
             history = self._history(course, point)
+            self._commit(point)
             self._note(point, dt, history)
             yield point
         spent = 0
@@ -201,9 +223,14 @@ class LoadStepping:
                     history = History(self.problem, course, found.t_n, self._remembered(found))
                 else:
                     history.add(found.t_n, self._remembered(found))
-                quick = solution.iterations <= control.quick
+                quick = solution.iterations - solution.turns <= control.quick
                 dt = min(max(dt, step) * (control.growth if quick else 1.0), control.largest)
-            elif not self._gives_up(step, history.states, target, attempt):
+            elif attempt.unbalanced is not None and step <= control.smallest * (1 + 1e-6):
+                self.end = PathEnd(target, solution, attempt.unbalanced)
+                return
+            elif attempt.unbalanced is not None or not self._gives_up(
+                step, history.states, target, attempt
+            ):
                 history.block(step)
                 dt = control.cut * step
                 continue
@@ -218,9 +245,14 @@ class LoadStepping:
             self.accepted += 1
             self._may_descend = True
             spent = 0
-            self.problem.shell.set_time(point.t_n)
+            self._commit(point)
             self._note(point, dt, history)
             yield point
+
+    def _commit(self, point: PathPoint) -> None:
+        """Set the shell to an accepted point, with its growth (collective)."""
+        self.problem.shell.set_time(point.t_n)
+        commit(self.problem.shell, point.state)
 
     def between(self, low: PathPoint, high: PathPoint, t_n: float) -> PathPoint | None:
         """Return the state at a time between two neighbouring points, None if there is none.
@@ -243,8 +275,21 @@ class LoadStepping:
 
     def _attempt(self, t_n: float, guess: ShellState, before: PathPoint | None) -> Attempt:
         """Solve at ``t_n``; accept what is converged, near and stable enough (collective)."""
+        near = guess if before is None else before.state
+        try:
+            return self._solve(t_n, guess, before)
+        except UnbalancedLayer as unbalanced:
+            failed = Solution(near, False, str(unbalanced), 0, np.nan)
+            return Attempt(failed, unbalanced=unbalanced)
+
+    def _solve(self, t_n: float, guess: ShellState, before: PathPoint | None) -> Attempt:
+        """See ``_attempt``.
+
+        Raises:
+            UnbalancedLayer: A mass balance has no solution.
+        """
         shell = self.problem.shell
-        shell.set_time(t_n)
+        begin_step(shell, t_n, guess)
         near = guess if before is None else before.state
         solution = self.newton.solve(guess, before=near)
         descends = before is not None and self._may_descend_from(before, t_n)
@@ -289,7 +334,7 @@ class LoadStepping:
         if start is None:
             turned = self.problem.with_mean_directors(guess, before.state)
             start, _ = contact.reachable(before.state, turned)
-        relaxed = self.relaxation.relax(start)
+        relaxed = self._balanced_rest(start)
         spent = replace(failed, iterations=failed.iterations + relaxed.factorisations)
         near = self._moved(relaxed.state, guess) <= self.control.jump_move
         if not relaxed.converged or not (near or self._is_short(before, t_n)):
@@ -348,6 +393,8 @@ class LoadStepping:
         for start in starts:
             found = self._relaxed(point, start, t_n, attempt.solution)
             if found is None:
+                assert self.end is not None
+                self.end = replace(self.end, critical=critical)
                 return None
             spent += found.iterations
             if found.jump:
@@ -369,9 +416,13 @@ class LoadStepping:
     ) -> PathPoint | None:
         """Relax from ``start`` onto a stable state at ``t_n``; None ends the path (collective)."""
         self.problem.shell.set_time(t_n)
-        relaxed = self.relaxation.relax(start)
+        try:
+            relaxed = self._balanced_rest(start)
+        except UnbalancedLayer as unbalanced:
+            self.end = PathEnd(t_n, attempt, unbalanced)
+            return None
         if not relaxed.converged:
-            self.end = PathEnd(t_n, attempt if relaxed.lost is None else relaxed)
+            self.end = PathEnd(t_n, relaxed)
             return None
         negative = relaxed.negative_eigenvalues
         if negative is None:  # the flow ends in a solution of Newton's method
@@ -385,6 +436,21 @@ class LoadStepping:
             relaxed.residual,
             relaxed.energy,
         )
+
+    def _balanced_rest(self, start: ShellState) -> Relaxed:
+        """Relax from a state, and again while that changes growth by mass balance (collective).
+
+        Raises:
+            UnbalancedLayer: A mass balance has no solution on the way.
+        """
+        relaxed = self.relaxation.relax(start)
+        spent = relaxed.factorisations
+        for _ in range(MOST_TURNS):
+            if not relaxed.converged or not settle(self.problem.shell, relaxed.state):
+                return replace(relaxed, factorisations=spent)
+            relaxed = self.relaxation.relax(relaxed.state)
+            spent += relaxed.factorisations
+        return replace(relaxed, converged=False, factorisations=spent)
 
     def _moved(self, after: ShellState, before: ShellState) -> float:
         """Return the largest move of a node between two states (collective)."""

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from opticcup_fem.meridian.shell import MeridianShell, MeridianState
+from opticcup_fem.meridian.transport import meridian_geometry
 from opticcup_fem.sections import Section, SectionPart
 from opticcup_fem.shell.recovery import LayerFields, layer_means
 
@@ -22,12 +23,14 @@ class Meridian:
     Attributes:
         position: (r, z), shape (k, 2).
         faces: (r, z) of the layers' faces, inside first, shape (k, n_layers + 1, 2).
-        fields: Thickness stretch, shape (k,), and stress, shape (k, 3), of each layer.
+        growth: ``e_<layer>``, ``rho_<layer>`` of balanced layers in the region, shape (k,).
+        fields: Thickness stretch, (k,), stress, (k, 3), factor on the thickness, (k,), by layer.
     """
 
     position: Array
     faces: Array
     fields: dict[str, LayerFields]
+    growth: dict[str, Array]
 
 
 def evaluate(
@@ -58,25 +61,41 @@ def evaluate(
     inside = np.searchsorted(mesh.vertices[cells[1:]], s, side="right")
     cell = cells[inside]
     x = (s - mesh.vertices[cell]) / mesh.sizes[cell]
-    powers = np.arange(3)
-    to_powers = np.linalg.pinv(shell.forms.quadrature_points[:, None] ** powers)
-    fit = x[:, None] ** powers @ to_powers
 
     def at(values: Array) -> Array:
-        """Return values at the quadrature points at the arc lengths."""
-        per_cell = values.reshape(len(cells), -1, *values.shape[1:])
-        return np.asarray(np.einsum("kq,kq...->k...", fit, per_cell[inside]))
+        return shell.carried(region, values, s)
 
     fields = {
-        name: LayerFields(at(mean.thickness_stretch), at(mean.stress))
+        name: LayerFields(at(mean.thickness_stretch), at(mean.stress), at(mean.thickness))
         for name, mean in means.items()
     }
     table = mesh.basis.tabulate(1, x[:, None])[..., 0]
     position, tangent = np.einsum("dkn,kni->dki", table, state.r[mesh.cells[cell]])
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
     normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
-    heights = section.face_heights([fields[one.name].thickness_stretch for one in section.layers])
-    return Meridian(position, position[:, None] + heights[..., None] * normal[:, None], fields)
+    layers = [fields[one.name] for one in section.layers]
+    heights = section.face_heights(
+        [one.thickness_stretch for one in layers], [one.thickness for one in layers]
+    )
+    faces = position[:, None] + heights[..., None] * normal[:, None]
+    return Meridian(position, faces, fields, _growth(shell, state, t_n, region, s))
+
+
+def _growth(
+    shell: MeridianShell, state: MeridianState, t_n: float, region: str, s: Array
+) -> dict[str, Array]:
+    """Return e and rho of a region's balanced layers at arc lengths."""
+    balance = shell.balance
+    if balance is None:
+        return {}
+    found = {}
+    geometry = meridian_geometry(shell, state, t_n)
+    for name, values in balance.fields(t_n, geometry).items():
+        cells = balance.layers[name.partition("_")[2]].sites.cells
+        inside = np.isin(cells, shell.mesh.region[region])
+        if inside.any():
+            found[name] = shell.carried(region, values[inside].ravel(), s)
+    return found
 
 
 def sections(

@@ -6,10 +6,16 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from opticcup_fem.equilibrium.continuation import ArcControl, Continuation, PathState
-from opticcup_fem.errors import ClosureBreakdown, ConvergenceError, OpticCupError
+from opticcup_fem.errors import (
+    ClosureBreakdown,
+    ConvergenceError,
+    OpticCupError,
+    UnbalancedLayer,
+)
 from opticcup_fem.meridian.ellipticity import ellipticity
 from opticcup_fem.meridian.problem import MeridianProblem
 from opticcup_fem.meridian.shell import MeridianShell, MeridianState
+from opticcup_fem.meridian.transport import commit, settle
 from opticcup_fem.meridian.waves import Spectrum, Waves
 from opticcup_fem.shell.fibres import LostFibre
 
@@ -78,7 +84,8 @@ class MeridianPath:
             control: Steps along the path.
         """
         self.problem, self.waves = MeridianProblem(shell), waves
-        self.continuation = Continuation(self.problem, control or ArcControl())
+        settles = None if shell.balance is None else self.problem.settle
+        self.continuation = Continuation(self.problem, control or ArcControl(), settle=settles)
         self._accepted = 0
         self._last: MeridianState | None = None
         self._first_stiffness = 0.0
@@ -99,6 +106,7 @@ class MeridianPath:
         landings = [t for t in times if t > 0]
         for solution in self.continuation.follow(x, 0.0, t_end, landings, lowest=LOWEST):
             state = self.problem.unpack(solution.x)
+            settle(self.problem.shell, state, solution.t)
             if self._last is None:
                 self._first_stiffness = ellipticity(self.problem.shell, state, solution.t).value
             spectra = self.waves.spectra(state, solution.t)
@@ -108,6 +116,8 @@ class MeridianPath:
             self._accepted += 1
             self._last = state
             yield MeridianPoint(solution, state, spectra, followed, followed and fell)
+            if followed and solution.t not in landings:
+                commit(self.problem.shell, state, solution.t)
             if followed:
                 front, fell = solution.t, solution.is_fold
 
@@ -130,6 +140,8 @@ class MeridianPath:
         if ending is None:
             return None
         lost = None if ending.cause is None else ending.cause.__cause__
+        if isinstance(lost, UnbalancedLayer):
+            return lost
         if isinstance(lost, LostFibre):
             shell = self.problem.shell
             cell, point = divmod(lost.index, shell.points.shape[1])

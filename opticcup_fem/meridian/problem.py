@@ -13,8 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from opticcup_fem.equilibrium.continuation import Direction, Inadmissible, solve_bordered
+from opticcup_fem.errors import UnbalancedLayer
 from opticcup_fem.meridian.pressure import PressureWork
 from opticcup_fem.meridian.shell import MeridianShell, MeridianState
+from opticcup_fem.meridian.transport import settle
 from opticcup_fem.shell import condensation
 from opticcup_fem.shell.condensation import CondensedCells
 from opticcup_fem.shell.fibres import LostFibre
@@ -97,7 +99,7 @@ class MeridianProblem:
         forms = shell.forms_at_points(state)
         try:
             result = shell.resultants_of(forms, t)
-        except LostFibre as lost:
+        except (LostFibre, UnbalancedLayer) as lost:
             raise Inadmissible("a layer has no admissible state") from lost
         data = shell.kinematic_data(state) | shell.material_data(result)
         cells = condensation.condense(
@@ -109,6 +111,17 @@ class MeridianProblem:
             PressureWork.of(shell, t),
         )
         return MeridianLinearised(self, state, forms, t, cells)
+
+    def settle(self, x: Array, t: float) -> bool:
+        """Solve mass balances in a state; return whether that has changed the equations.
+
+        Raises:
+            Inadmissible: There is no solution, or a layer has no admissible state.
+        """
+        try:
+            return settle(self.shell, self.unpack(x), t)
+        except (LostFibre, UnbalancedLayer) as lost:
+            raise Inadmissible("a mass balance has no solution") from lost
 
     def assemble_vector(self, cells: Array) -> Array:
         """Add up cell vectors and return the free unknowns' rows."""
@@ -165,7 +178,7 @@ class MeridianLinearised:
         try:
             after = shell.resultants_of(self.forms, self.t_n + h, tangent=False).stress
             before = shell.resultants_of(self.forms, self.t_n - h, tangent=False).stress
-        except LostFibre as lost:
+        except (LostFibre, UnbalancedLayer) as lost:
             raise Inadmissible("a layer has no admissible state nearby") from lost
         rate = (after - before) / (2 * h) * shell.circumference[..., None]
         data = {**self.cells.data, shell.forms.stress: rate}

@@ -97,6 +97,7 @@ class Revolution:
         stretch: dict[str, Array] = {}
         stress: dict[str, Array] = {}
         faces: dict[str, Array] = {}
+        growth: dict[str, Array] = {}
         for number, name in enumerate(shell.mesh.region):
             cells = np.flatnonzero(self._region == number)
             places, where = np.unique(self._place[self._cells[cells]], return_inverse=True)
@@ -109,6 +110,9 @@ class Revolution:
                 stress.setdefault(layer, np.full((m, len(NODES), 3), np.nan))
                 stretch[layer][cells] = fields.thickness_stretch[where]
                 stress[layer][cells] = fields.stress[where]
+            for quantity, values in on.growth.items():
+                growth.setdefault(quantity, np.full((m, len(NODES)), np.nan))
+                growth[quantity][cells] = values[where]
         ids = {name: number + 1 for number, name in enumerate(shell.mesh.region)}
         return Snapshot(
             t_n=t_n,
@@ -124,6 +128,7 @@ class Revolution:
             thickness_stretch=stretch,
             stress=stress,
             faces=faces,
+            growth=growth,
         )
 
     def wave(self, amplitudes: Array, m: int) -> Array:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from opticcup_fem.meridian.forms import AxisymmetricForms
 from opticcup_fem.meridian.mesh import Indices, MeridianMesh
 from opticcup_fem.shell import closures
+from opticcup_fem.shell.balance import MassBalance
 from opticcup_fem.shell.fibres import GrowthState, LostFibre, Resultants
 from opticcup_fem.shell.growth import GrowthLaw, SurfacePoints
 from opticcup_fem.shell.kernels import Kernel, compile_kernels
@@ -53,6 +54,8 @@ class MeridianShell:
         kernels: Its compiled blocks.
         radius_ref: Reference radius at the quadrature points, shape (n_cells, n_points).
         weights: Reference area of the quadrature points, same shape; they add up to the area.
+        balance: The mass balance of layers whose growth it decides on, None where all growth is
+            prescribed.
     """
 
     def __init__(
@@ -87,17 +90,20 @@ class MeridianShell:
             self.circumference * self.forms.quadrature_weights * mesh.sizes[:, None]
         )
         self.basis, self.gradient = mesh.tabulate(points, 1)
-        self._law_points = {
-            name: self._points_at(self.points[cells].ravel()) for name, cells in mesh.region.items()
-        }
+        self.balance: MassBalance | None = None
+        self._law_points = {name: self.points_of(cells) for name, cells in mesh.region.items()}
         element = self.forms.eta.ufl_element().basix_element
         self.curvature_basis: Array = element.tabulate(0, points[:, None])[0, :, :, 0]
 
-    def _points_at(self, s: Array) -> SurfacePoints:
+    def _points_at(self, s: Array, cells: Indices) -> SurfacePoints:
         """Return points at azimuth 0, for laws that are functions of the position."""
         r, z = np.moveaxis(self.mesh.profile.position(s), -1, 0)
         x = np.stack([r, np.zeros_like(r), z], axis=-1)
-        return SurfacePoints(x, None, np.zeros(0, np.int32), np.zeros((0, 2)))
+        return SurfacePoints(x, None, cells.astype(np.int32), np.zeros((0, 2)))
+
+    def points_of(self, cells: Indices) -> SurfacePoints:
+        """Return the quadrature points of some cells, at azimuth 0."""
+        return self._points_at(self.points[cells].ravel(), cells)
 
     @property
     def has_energy(self) -> bool:
@@ -154,8 +160,43 @@ class MeridianShell:
             region: Name of the region.
             s: Arc lengths, shape (n,); the quadrature points of the region by default.
         """
-        places = self._law_points[region] if s is None else self._points_at(s)
-        return [self.laws[layer.name](t_n, places) for layer in self.sections[region].layers]
+        layers = self.sections[region].layers
+        states = [self.laws[layer.name](t_n, self._law_points[region]) for layer in layers]
+        if s is None:
+            return states
+        places = self._points_at(s, np.zeros(0, np.int64))
+        known = set() if self.balance is None else set(self.balance.layers)
+        return [
+            GrowthState(*(self.carried(region, value, s) for value in state))
+            if layer.name in known
+            else self.laws[layer.name](t_n, places)
+            for layer, state in zip(layers, states, strict=True)
+        ]
+
+    def carried(self, region: str, values: Array | float, s: Array) -> Array:
+        """Return values at a region's quadrature points carried on to arc lengths.
+
+        Args:
+            region: Name of the region.
+            values: Shape (n, ...), the points of a cell one after the other, or one for all.
+            s: Arc lengths within the region, its ends included, shape (k,).
+
+        Returns:
+            Shape (k, ...), by a quadratic fit on each cell.
+        """
+        mesh, cells = self.mesh, self.mesh.region[region]
+        n = len(cells) * self.points.shape[1]
+        values = np.asarray(values, dtype=float)
+        if values.ndim == 0 or len(values) != n:
+            values = np.broadcast_to(values, (n, *values.shape[1:]))
+        inside = np.searchsorted(mesh.vertices[cells[1:]], s, side="right")
+        cell = cells[inside]
+        x = (s - mesh.vertices[cell]) / mesh.sizes[cell]
+        powers = np.arange(3)
+        to_powers = np.linalg.pinv(self.forms.quadrature_points[:, None] ** powers)
+        fit = x[:, None] ** powers @ to_powers
+        per_cell = values.reshape(len(cells), -1, *values.shape[1:])
+        return np.asarray(np.einsum("kq,kq...->k...", fit, per_cell[inside]))
 
     def resultants_of(self, forms: Array, t_n: float, tangent: bool = True) -> Resultants:
         """Return energy, stress and tangent at the quadrature points.

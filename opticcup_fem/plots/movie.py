@@ -21,7 +21,7 @@ from opticcup_fem.plots.timeline import Frame, frames
 EVENT_SECONDS = 2.5
 """How long an event's caption stays."""
 
-_SECONDS_A_FRAME = 5.0
+_SECONDS_A_FRAME = 20.0
 """Drawing takes far less, unless something hangs."""
 
 
@@ -80,7 +80,7 @@ def movie(run_dirs: Sequence[str | Path], out: str | Path, look: Look | None = N
     playbacks = load_playbacks(run_dirs, look.quantity)
     count = len(frames([p.course for p in playbacks], look.seconds, look.fps))
     request = {"runs": [str(p) for p in run_dirs], "out": str(out), "look": asdict(look)}
-    draw_apart(__name__, [json.dumps(request)], seconds=120 + _SECONDS_A_FRAME * count)
+    draw_apart(__name__, [json.dumps(request)], seconds=600 + _SECONDS_A_FRAME * count)
     return out
 
 

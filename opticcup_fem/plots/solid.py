@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from opticcup_fem.compat import outer_surface
 from opticcup_fem.fields import VTK_NODES
 from opticcup_fem.plots import style
 from opticcup_fem.plots.display import draw_apart
@@ -100,7 +101,7 @@ def cut_open(layer: "pv.UnstructuredGrid", proud: float = 0.0) -> "pv.PolyData":
     edge = (proud, -proud, 0.0)
     left = layer.clip(normal="x", origin=edge)
     right = layer.clip(normal="-x", origin=edge).clip(normal="-y", origin=edge)
-    return left.merge(right, merge_points=True).extract_surface()
+    return outer_surface(left.merge(right, merge_points=True))
 
 
 def draw(run_dir: Path, out: Path, t_n: float | None = None) -> None:

@@ -7,9 +7,13 @@ unknowns, in its own order and seen from its own outside, is kept.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
+from opticcup_fem.shell.balance import Geometry, LayerSites, LayerStep
 from opticcup_fem.shell.model import ContactData, Shell, ShellState
 
 Array = NDArray[np.float64]
@@ -99,3 +103,59 @@ class Cellwise:
             kappa=mine["kappa"],
             sigma=mine["sigma"],
         )
+
+    def pack_balance(self) -> CellArrays:
+        """Return what is known of the mass balance as arrays over all cells on rank 0 (collective).
+
+        Cells without a layer hold ones.
+        """
+        balance = self.shell.balance
+        if balance is None:
+            return {}
+        n, arrays = self.shell.spaces.n_cells, {}
+        for name, layer in balance.layers.items():
+            sites = layer.sites
+
+            def spread(values: Array, sites: LayerSites = sites) -> Array:
+                whole: Array = np.ones((n, sites.n_points, *values.shape[1:]))
+                whole[sites.cells] = values.reshape(-1, sites.n_points, *values.shape[1:])
+                return whole
+
+            arrays[f"{name}.mass"] = spread(balance.mass[name])
+            arrays[f"{name}.stretch"] = spread(balance.geometry[name].stretch)
+            arrays[f"{name}.thickness"] = spread(balance.geometry[name].thickness)
+            for k, steps in enumerate(balance.past):
+                arrays[f"{name}.past{k}"] = spread(np.moveaxis(steps[name].mass, 0, -1))
+        return self.gather(arrays)
+
+    def unpack_balance(
+        self, arrays: CellArrays, t_n: float, steps: Sequence[Mapping[str, Any]]
+    ) -> None:
+        """Restore the mass balance from arrays that every rank has.
+
+        Args:
+            arrays: As ``pack_balance`` returned them.
+            t_n: Time up to which growth is known.
+            steps: Start and end of the last steps, and by layer their total and error.
+        """
+        balance = self.shell.balance
+        if balance is None:
+            return
+        balance.past = [{} for _ in steps]
+        geometry = {}
+        for name, layer in balance.layers.items():
+
+            def mine(what: str, name: str = name, cells: Any = layer.sites.cells) -> Array:
+                values: Array = arrays[f"{name}.{what}"][self._input][cells]
+                return values.reshape(-1, *values.shape[2:])
+
+            balance.mass[name] = mine("mass")
+            geometry[name] = Geometry(mine("stretch"), mine("thickness"))
+            for k, step in enumerate(steps):
+                mass = np.moveaxis(mine(f"past{k}"), -1, 0)
+                total, error = step["layers"][name]
+                balance.past[k][name] = LayerStep(
+                    step["start"], step["end"], mass, None, total, error
+                )
+        balance.geometry, balance.t_n = geometry, t_n
+        balance.forget()

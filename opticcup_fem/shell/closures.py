@@ -278,8 +278,7 @@ def mean_stretches(
     inv = invariants(forms, a_ref)
     means: dict[str, Array] = {layer.name: np.zeros(len(forms)) for layer in section.layers}
     for fibre in fibres(section, growth, k_ref):
-        share = fibre.gauss_weight / fibre.layer.thickness
-        means[fibre.layer.name] += share * fibre_state(closure, inv, fibre).stretch
+        means[fibre.layer.name] += fibre.share * fibre_state(closure, inv, fibre).stretch
     return means
 
 

@@ -30,15 +30,19 @@ Array = NDArray[np.float64]
 
 
 class GrowthState(NamedTuple):
-    """Growth of one layer at a set of points.
+    """Growth of one layer at a set of points, and what is uneven in the layer.
 
     Attributes:
         factor: In-plane growth factor e, broadcastable to shape (n,).
         density_ratio: Stress factor rho_r = J rho/rho_0 (S12), likewise.
+        stiffness: Factor on both Lamé constants, likewise.
+        thickness: Factor on the thickness at rest, likewise.
     """
 
     factor: Array | float
     density_ratio: Array | float
+    stiffness: Array | float = 1.0
+    thickness: Array | float = 1.0
 
 
 class Resultants(NamedTuple):
@@ -110,28 +114,32 @@ class Fibre:
 
     Attributes:
         layer: The layer.
-        height: Height xi.
-        gauss_weight: Quadrature weight, in units of length.
-        density_ratio: Stress factor rho_r, broadcastable to (n,).
+        height: Height xi, broadcastable to (n,).
+        gauss_weight: Quadrature weight, in units of length, broadcastable to (n,).
+        share: Quadrature weight over the layer's thickness.
+        stress_factor: rho_r times the factor on the Lamé constants, broadcastable to (n,).
         growth: Growth factor e, broadcastable to (n,).
         natural: q = e^2 (1 - 2 xi k), broadcastable to (n,).
     """
 
     layer: Layer
-    height: float
-    gauss_weight: float
-    density_ratio: Array | float
+    height: Array | float
+    gauss_weight: Array | float
+    share: float
+    stress_factor: Array | float
     growth: Array | float
     natural: Array | float
 
     @property
     def weight(self) -> Array | float:
-        """Quadrature weight times density ratio."""
-        return self.gauss_weight * self.density_ratio
+        """Quadrature weight times stress factor."""
+        return self.gauss_weight * self.stress_factor
 
     def lost(self, bad: Array, cause: str) -> LostFibre:
         """Return the exception that reports the worst of the points where ``bad`` is largest."""
-        return LostFibre(int(np.argmax(bad)), self.layer.name, self.height, cause)
+        worst = int(np.argmax(bad))
+        height = float(np.broadcast_to(self.height, np.shape(bad))[worst])
+        return LostFibre(worst, self.layer.name, height, cause)
 
 
 class Sums:
@@ -192,12 +200,15 @@ def energy_density(inv: Invariants, s: Array | float, D: Array, m: Array, fibre:
 
 def fibres(section: Section, growth: Sequence[GrowthState], k_ref: float) -> Iterator[Fibre]:
     """Yield the Gauss points of a section, innermost first."""
-    for layer, (heights, weights), (factor, ratio) in zip(
-        section.layers, section.gauss_points, growth, strict=True
+    rules = section.gauss_points_of([state.thickness for state in growth])
+    for layer, (heights, weights), (_, even), state in zip(
+        section.layers, rules, section.gauss_points, growth, strict=True
     ):
-        for xi, w in zip(heights, weights, strict=True):
-            natural = np.square(factor) * (1 - 2 * xi * k_ref)
-            yield Fibre(layer, float(xi), float(w), ratio, factor, natural)
+        shares = even / layer.thickness
+        stress_factor = state.density_ratio * state.stiffness
+        for xi, w, share in zip(heights, weights, shares, strict=True):
+            natural = np.square(state.factor) * (1 - 2 * xi * k_ref)
+            yield Fibre(layer, xi, w, float(share), stress_factor, state.factor, natural)
 
 
 def to_components(sums: Sums, forms: Array, a_ref: Array) -> Resultants:

@@ -17,7 +17,9 @@ from dolfinx import fem
 from dolfinx import mesh as dmesh
 from numpy.typing import NDArray
 
+from opticcup_fem.scalar_fields import ScalarField
 from opticcup_fem.shell.fibres import GrowthState
+from opticcup_fem.stimulus import GROWTH, Stimulus
 
 Array = NDArray[np.float64]
 
@@ -102,3 +104,43 @@ class FieldGrowth:
         rate = points.evaluate(self.rate) if is_ufl else np.asarray(self.rate(points.x))
         factor = 1 + rate * t_n
         return GrowthState(factor, density_ratio(factor, self.mass_change))
+
+
+@dataclass(frozen=True)
+class PrescribedGrowth:
+    """Growth e = 1 + rate t_n of any stimulus, the rate a field in theta, phi and t_n.
+
+    Attributes:
+        rate: The rate.
+        stimulus: What e does to the stress.
+    """
+
+    rate: ScalarField
+    stimulus: Stimulus = GROWTH
+
+    def __call__(self, t_n: float, points: SurfacePoints) -> GrowthState:
+        """Return the growth at normalised time ``t_n``."""
+        factor = 1 + self.rate.at(t_n, points.x) * t_n
+        return GrowthState(factor, self.stimulus.density_ratio_of_factor(factor))
+
+
+@dataclass(frozen=True)
+class UnevenLayer:
+    """A layer of uneven modulus or thickness that grows by another law.
+
+    Attributes:
+        law: Its growth.
+        stiffness: Factor on both Lamé constants, in theta, phi and t_n.
+        thickness: Factor on the thickness at rest, in theta and phi.
+    """
+
+    law: GrowthLaw
+    stiffness: ScalarField
+    thickness: ScalarField
+
+    def __call__(self, t_n: float, points: SurfacePoints) -> GrowthState:
+        """Return growth and properties at normalised time ``t_n``."""
+        return self.law(t_n, points)._replace(
+            stiffness=self.stiffness.at(t_n, points.x),
+            thickness=self.thickness.at(t_n, points.x),
+        )

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from opticcup_fem.mesh import SurfaceMesh
 from opticcup_fem.shell import closures, condensation
+from opticcup_fem.shell.balance import MassBalance
 from opticcup_fem.shell.condensation import CondensedCells
 from opticcup_fem.shell.directors import EdgeDirectors
 from opticcup_fem.shell.external_work import ExternalWork
@@ -104,6 +105,8 @@ class Shell:
         rest: Positions without membrane stress before growth, (n_nodes, 3); those on the smooth
             surface unless the shell has an imperfection.
         growth: Growth of each layer of each region at the present t_n.
+        balance: The mass balance of layers whose growth it decides on, None where all growth is
+            prescribed.
         external: The loads, None where there are none.
     """
 
@@ -149,6 +152,7 @@ class Shell:
         self._tabulate()
         self._regions = self._find_regions()
         self.growth: dict[str, list[GrowthState]] = {}
+        self.balance: MassBalance | None = None
         self.external: ExternalWork | None = None
         if loads:
             sites = LoadSites.of(surface_mesh, self.spaces, self.rest)
@@ -176,14 +180,23 @@ class Shell:
         for name, section in self.sections.items():
             cells = np.sort(mesh.cell_tags.find(mesh.regions[name]))
             cells = cells[cells < self.spaces.n_cells].astype(np.int32)
-            points = self._surface_points(cells, self.forms.quadrature_points)
-            regions.append(_Region(name, section, cells, points))
+            regions.append(_Region(name, section, cells, self.points_of(cells)))
         return regions
 
     def _surface_points(self, cells: NDArray[np.int32], points: Array) -> SurfacePoints:
         basis = self.spaces.position_table(points)
         x = np.einsum("qn,cni->cqi", basis, self.reference[self.spaces.nodes[cells]])
         return SurfacePoints(x.reshape(-1, 3), self.surface_mesh.mesh, cells, points)
+
+    def points_of(self, cells: NDArray[np.int32]) -> SurfacePoints:
+        """Return the quadrature points of some cells."""
+        return self._surface_points(cells, self.forms.quadrature_points)
+
+    def solve_balance(self, balance: MassBalance) -> None:
+        """Let some layers grow by their mass balance from now on."""
+        self.balance = balance
+        balance.take_over(self.laws)
+        self.set_time(self.t_n)
 
     def growth_at(self, region: str, points: Array) -> list[GrowthState]:
         """Return the present growth of a region's layers at reference points of its cells."""

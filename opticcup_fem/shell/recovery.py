@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from opticcup_fem.shell import closures, fibres
 from opticcup_fem.shell.fibres import GrowthState
+from opticcup_fem.shell.layer_geometry import layer_geometry
 from opticcup_fem.shell.model import Shell, ShellState
 from opticcup_fem.shell.section import Section
 from opticcup_fem.snapshot import NODES, Snapshot
@@ -26,10 +27,12 @@ class LayerFields:
         thickness_stretch: Mean of lambda_3 through the layer, shape (n_cells, n_nodes).
         stress: Mean Cauchy stress (meridional, azimuthal, shear), shape (n_cells, n_nodes, 3),
             unit mu_IOV.  The first direction is the current image of the reference meridian.
+        thickness: Factor on the thickness at rest, shape (n_cells, n_nodes).
     """
 
     thickness_stretch: Array
     stress: Array
+    thickness: Array
 
 
 def layer_fields(shell: Shell, state: ShellState, region: str) -> dict[str, LayerFields]:
@@ -62,6 +65,7 @@ def layer_fields(shell: Shell, state: ShellState, region: str) -> dict[str, Laye
         name: LayerFields(
             mean.thickness_stretch.reshape(shape) @ to_nodes.T,
             np.einsum("nq,cqi->cni", to_nodes, mean.stress.reshape(*shape, 3)),
+            mean.thickness.reshape(shape) @ to_nodes.T,
         )
         for name, mean in means.items()
     }
@@ -88,18 +92,25 @@ def layer_means(
         meridian: Contravariant components of the first direction of stress, shape (n, 2).
 
     Returns:
-        For each layer fields of shapes (n,) and (n, 3).
+        For each layer fields of shapes (n,), (n, 3) and (n,).
     """
     inv = fibres.invariants(forms, a_ref)
     stretches = {layer.name: np.zeros(len(forms)) for layer in section.layers}
     stresses = {layer.name: np.zeros((len(forms), 3)) for layer in section.layers}
     for fibre in fibres.fibres(section, growth, k_ref):
-        share = fibre.gauss_weight / fibre.layer.thickness
+        share = fibre.share
         s, D, stretch = closures.fibre_state(closure, inv, fibre)
         metric = forms[:, :3] + s[:, None] * forms[:, 3:]
         stretches[fibre.layer.name] += share * stretch
         stresses[fibre.layer.name] += share * _cauchy(fibre, D, stretch, metric, a_ref, meridian)
-    return {name: LayerFields(stretches[name], stresses[name]) for name in stretches}
+    return {
+        layer.name: LayerFields(
+            stretches[layer.name],
+            stresses[layer.name],
+            np.broadcast_to(state.thickness, len(forms)),
+        )
+        for layer, state in zip(section.layers, growth, strict=True)
+    }
 
 
 def _quadratic_fit(shell: Shell) -> Array:
@@ -141,7 +152,7 @@ def _cauchy(
     psi_D = fibres.area_slope(D, stretch**2, fibre.layer)
     natural = np.reshape(fibre.natural, (-1, 1))
     second = 2 * (psi_D * D)[:, None] * _inverse(metric) + mu * _inverse(a_ref) / natural
-    second *= np.reshape(fibre.density_ratio, (-1, 1))
+    second *= np.reshape(fibre.stress_factor, (-1, 1))
     jacobian = np.sqrt(_determinant(metric) / _determinant(a_ref)) * stretch
     first = _lowered(metric, meridian)
     length = np.sqrt(np.sum(meridian * first, axis=1, keepdims=True))
@@ -205,6 +216,7 @@ def capture(shell: Shell, state: ShellState, t_n: float) -> Snapshot | None:
         layers |= {(name, layer): value for layer, value in fields.items()}
         faces[name] = layer_faces(shell, state, name, fields)
     mine = _Part(
+        _growth_at_nodes(shell, state),
         shell.reference[:owned],
         state.r[:owned],
         nodes.reshape(-1, len(NODES)),
@@ -232,9 +244,25 @@ def gather_nodes(shell: Shell, values: Array) -> Array | None:
     return None if parts is None else np.concatenate(parts)
 
 
+def _growth_at_nodes(shell: Shell, state: ShellState) -> dict[str, Array]:
+    """Return e and rho of balanced layers at the nodes of all cells, NaN outside of the layers."""
+    balance = shell.balance
+    if balance is None:
+        return {}
+    geometry = layer_geometry(shell, state, list(balance.layers))
+    to_nodes = _quadratic_fit(shell)
+    nodal = {}
+    for name, values in balance.fields(shell.t_n, geometry).items():
+        cells = balance.layers[name.partition("_")[2]].sites.cells
+        nodal[name] = np.full((shell.spaces.n_cells, len(to_nodes)), np.nan)
+        nodal[name][cells] = values @ to_nodes.T
+    return nodal
+
+
 class _Part(NamedTuple):
     """What one rank knows of a snapshot; nodes by global number."""
 
+    growth: dict[str, Array]
     reference: Array
     position: Array
     cells: NDArray[np.int64]
@@ -268,7 +296,8 @@ def layer_faces(
     normal = np.cross(base[..., 0, :], base[..., 1, :])
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
     stretches = [fields[layer.name].thickness_stretch for layer in section.layers]
-    heights = section.face_heights(stretches)
+    factors = [fields[layer.name].thickness for layer in section.layers]
+    heights = section.face_heights(stretches, factors)
     position = state.r[nodes]
     return position[:, :, None, :] + heights[..., None] * normal[:, :, None, :]
 
@@ -303,5 +332,8 @@ def _joined(shell: Shell, parts: list[_Part], t_n: float) -> Snapshot:
         stress=stress,
         faces={
             name: np.concatenate([part.faces[name] for part in parts]) for name in shell.sections
+        },
+        growth={
+            name: np.concatenate([part.growth[name] for part in parts]) for name in parts[0].growth
         },
     )

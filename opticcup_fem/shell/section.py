@@ -92,26 +92,39 @@ class Section:
     @cached_property
     def boundaries(self) -> Array:
         """Heights of the layer faces, shape (n_layers + 1,), from -h/2 to h/2."""
-        steps = np.cumsum([0.0] + [layer.thickness for layer in self.layers])
-        return steps - self.thickness / 2
+        return np.asarray(self.face_places([1.0] * len(self.layers)))
 
-    def face_heights(self, stretches: Sequence[Array]) -> Array:
+    def face_places(self, factors: Sequence[Array | float]) -> list[Array | float]:
+        """Return the heights at rest of the layer faces, the middle of all layers at 0.
+
+        Args:
+            factors: Factor on the thickness of each layer, all of one shape.
+        """
+        places: list[Array | float] = [0.0]
+        for layer, factor in zip(self.layers, factors, strict=True):
+            places.append(places[-1] + layer.thickness * factor)
+        return [place - places[-1] / 2 for place in places]
+
+    def face_heights(
+        self, stretches: Sequence[Array], factors: Sequence[Array | float] | None = None
+    ) -> Array:
         """Return the current heights of the layer faces over the mid-surface, inside first.
 
         Args:
             stretches: Mean thickness stretch of each layer, all of one shape.
+            factors: Factor on the thickness at rest of each layer, 1 by default.
 
         Returns:
             Shape (..., n_layers + 1).
         """
-        thicknesses = [
-            layer.thickness * stretch for layer, stretch in zip(self.layers, stretches, strict=True)
-        ]
+        factors = factors or [1.0] * len(self.layers)
+        at_rest = [one.thickness * f for one, f in zip(self.layers, factors, strict=True)]
+        thicknesses = [h * stretch for h, stretch in zip(at_rest, stretches, strict=True)]
         first = np.zeros((1, *np.shape(thicknesses[0])))
         above_bottom = np.concatenate([first, np.cumsum(thicknesses, axis=0)])
         middle = sum(
-            np.clip(-low, 0.0, layer.thickness) * stretch
-            for layer, low, stretch in zip(self.layers, self.boundaries, stretches, strict=False)
+            np.clip(-low, 0.0, h) * stretch
+            for h, low, stretch in zip(at_rest, self.face_places(factors), stretches, strict=False)
         )
         heights: Array = np.moveaxis(above_bottom - middle, 0, -1)
         return heights
@@ -125,3 +138,23 @@ class Section:
             half = layer.thickness / 2
             rules.append((low + half * (1 + x), half * w))
         return tuple(rules)
+
+    def gauss_points_of(
+        self, factors: Sequence[Array | float]
+    ) -> Sequence[tuple[Array | list[Array | float], Array | list[Array | float]]]:
+        """Return heights and weights of each layer's Gauss points at uneven thickness.
+
+        Args:
+            factors: Factor on the thickness of each layer, 1 or of shape (n,).
+        """
+        if all(isinstance(factor, float) and factor == 1.0 for factor in factors):
+            return self.gauss_points
+        rules = []
+        for layer, factor, low in zip(
+            self.layers, factors, self.face_places(factors), strict=False
+        ):
+            x, w = np.polynomial.legendre.leggauss(layer.points)
+            half = layer.thickness * factor / 2
+            heights: list[Array | float] = [low + half * (1 + float(one)) for one in x]
+            rules.append((heights, [half * float(one) for one in w]))
+        return rules

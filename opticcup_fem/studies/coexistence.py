@@ -175,13 +175,14 @@ def pairs(case: Case, ratios: Sequence[float], times: Sequence[float], before: f
     """Return slits and round cups of a case at all of some R/h and times.
 
     Slits lead from one R/h to the next thicker one at the same time; where one opens, all thicker
-    ones are missing, too.  Round cups lead from the thickest R/h to slenderer ones; where one falls
-    into a slit, it was unstable, and is missing.
+    ones are missing, too.  Round cups lead from the thickest R/h to slenderer ones; where descent
+    finds no round cup, it is unstable, and it and all slenderer ones are missing.
 
     Args:
         case: The case, whose mesh for the slenderest R/h serves all.
-        ratios: Values of R/h, the slenderest first; at ``times`` its round cup is unstable.
-        times: Normalised times.
+        ratios: Values of R/h, the slenderest first; at the first of ``times`` its
+            round cup is unstable.
+        times: Normalised times; slits lead from one to the next in this order.
         before: A normalised time after the primary invagination at which the slenderest round
             cup is stable.
 
@@ -230,12 +231,15 @@ def _slits(
 def _round_cups(
     cups: Mapping[float, Cup], ratios: Sequence[float], times: Sequence[float]
 ) -> Forms:
-    thickest = cups[ratios[-1]].grown(times)
+    thickest = cups[ratios[-1]].grown(sorted(times))
     found: Forms = {}
     for t_n in times:
         form = thickest[t_n]
         for ratio in reversed(ratios):
-            form = cups[ratio].at_rest(form.state, t_n)
+            try:
+                form = cups[ratio].at_rest(form.state, t_n)
+            except ConvergenceError:  # on a mesh with mirror planes nothing leads out of it
+                break
             if form.buckled:
                 break
             found[ratio, t_n] = form

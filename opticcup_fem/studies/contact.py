@@ -140,7 +140,10 @@ class TouchWatch:
                     high, gap, found = middle, middle_gap, nearest
         self._shell.set_time(point.t_n)
         start = high.t_n if low is None else low.t_n
-        fields: dict[str, Any] = {"t_n": high.t_n, "t_n_range": [start, high.t_n]}
+        t_n = high.t_n
+        if low_gap is not None and not high.jump:
+            t_n = start + low_gap / (low_gap - gap) * (high.t_n - start)
+        fields: dict[str, Any] = {"t_n": t_n, "t_n_range": [start, high.t_n]}
         if found is not None:
             fields |= found.describe(self._alpha)
         return fields

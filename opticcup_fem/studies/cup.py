@@ -11,7 +11,9 @@ from opticcup_fem.case.checks import require_cup
 from opticcup_fem.checkpoint import Checkpoint
 from opticcup_fem.contact.report import contact_report
 from opticcup_fem.equilibrium.critical import CriticalPoint
-from opticcup_fem.equilibrium.path import PathPoint
+from opticcup_fem.equilibrium.path import LoadStepping, PathEnd, PathPoint
+from opticcup_fem.equilibrium.relaxation import Relaxed
+from opticcup_fem.equilibrium.transport import balance_columns
 from opticcup_fem.errors import CaseError, ClosureBreakdown, InterruptedRun, OpticCupError
 from opticcup_fem.shell.model import Shell
 from opticcup_fem.shell.recovery import capture, gather_nodes
@@ -87,7 +89,7 @@ def _grow(
             stepping = stepping_of(case, shell)
         stepping.count_iterations(progress.iteration)
         restart = Restart(case, out_dir, shell, stepping)
-        restart.possible &= tissue is None
+        restart.possible = tissue is None
         touched = (
             any(one["kind"] == "self_contact" for one in recorder.recorded) if recorder else False
         )
@@ -106,6 +108,8 @@ def _grow(
                 if received := stop.received():
                     folder = str(out_dir) if restart.possible else ""
                     raise InterruptedRun(received, point.t_n, folder)
+        if not ended and isinstance(stepping, LoadStepping) and stepping.end is not None:
+            ended = _record_end(recorder, shell, stepping.end, case.contact.mode == "stop")
         failure = None if ended else stepping.failure()
     summary: RunSummary = comm.bcast(on_root(comm, lambda: _summary(recorder, out_dir, failure)))
     return summary
@@ -121,15 +125,42 @@ def _record(
     snapshot = capture(shell, point.state, point.t_n)
     touch = None if watch is None else watch.see(point, snapshot)
     report = None if contact is None else contact_report(contact, point.state)
+    balance = balance_columns(shell, point.state)
     goes_on = True
     if recorder is not None and snapshot is not None:
         numbers = StateNumbers(
-            point.jump, point.iterations, point.negative_eigenvalues, point.residual, point.energy
+            point.jump,
+            point.iterations,
+            point.negative_eigenvalues,
+            point.residual,
+            point.energy,
+            balance,
         )
         nearest = None if watch is None else watch.nearest
         with recorder.noting_failures():
             goes_on = recorder.accept(snapshot, numbers, ContactNumbers(nearest, touch, report))
     return bool(shell.comm.bcast(goes_on))
+
+
+def _record_end(recorder: Recorder | None, shell: Shell, end: PathEnd, stops: bool) -> bool:
+    """Record what ended a path, and return whether it was contact (collective).
+
+    Args:
+        recorder: The records, on rank 0.
+        shell: The shell.
+        end: Where the path ended.
+        stops: Whether contact ends a run.
+    """
+    if end.critical is not None:
+        _record_critical(recorder, shell, end.critical)
+    if not stops or not isinstance(end.attempt, Relaxed) or end.attempt.lost is not None:
+        return False
+    snapshot = capture(shell, end.attempt.state, end.t_n)
+    crossed = False
+    if recorder is not None and snapshot is not None:
+        with recorder.noting_failures():
+            crossed = recorder.ends_crossed(snapshot)
+    return bool(shell.comm.bcast(crossed))
 
 
 def _record_critical(recorder: Recorder | None, shell: Shell, critical: CriticalPoint) -> None:

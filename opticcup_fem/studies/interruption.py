@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import signal
 import threading
 from pathlib import Path
@@ -10,8 +11,8 @@ from typing import Any, Self
 
 from mpi4py import MPI
 
-from opticcup_fem.case import Case
-from opticcup_fem.checkpoint import Checkpoint, read_checkpoint
+from opticcup_fem.case import Case, parse_case
+from opticcup_fem.checkpoint import CHECKPOINT, Checkpoint, read_checkpoint
 from opticcup_fem.errors import CaseError
 from opticcup_fem.studies.outcome import on_root
 
@@ -25,7 +26,7 @@ def checkpoint_of(case: Case, folder: Path, comm: MPI.Comm) -> Checkpoint:
 
     def read() -> Checkpoint:
         saved = read_checkpoint(folder)
-        if saved.case != case.model_dump_json():
+        if parse_case(json.loads(saved.case), f"{folder / CHECKPOINT}") != case:
             raise CaseError(
                 f"{folder} holds the run of another case: resume it without a case, or run this "
                 "case in another folder"

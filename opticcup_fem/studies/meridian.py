@@ -12,9 +12,9 @@ from mpi4py import MPI
 import numpy as np
 
 from opticcup_fem.case import Case, case_to_toml
-from opticcup_fem.case.checks import require_perfect
+from opticcup_fem.case.checks import require_axisymmetric, require_perfect
 from opticcup_fem.checkpoint import Checkpoint
-from opticcup_fem.errors import ClosureBreakdown, InterruptedRun, OpticCupError
+from opticcup_fem.errors import CaseError, ClosureBreakdown, InterruptedRun, OpticCupError
 from opticcup_fem.events import Event, event
 from opticcup_fem.meridian.contact import self_crossing
 from opticcup_fem.meridian.crossings import Crossing, crossings
@@ -27,15 +27,16 @@ from opticcup_fem.meridian.path import MeridianPath, MeridianPoint
 from opticcup_fem.meridian.profile import ClosedSphere, Disc, OpenCap, Profile
 from opticcup_fem.meridian.revolution import SEGMENTS, Revolution
 from opticcup_fem.meridian.shell import MeridianShell
+from opticcup_fem.meridian.transport import balance_columns, meridian_balance
 from opticcup_fem.meridian.waves import Waves
 from opticcup_fem.records import AZIMUTHS, RunFolder
 from opticcup_fem.sampling import azimuths
 from opticcup_fem.shell.tissue import Tissue
+from opticcup_fem.studies.curvature import cap_curvature_of_run
 from opticcup_fem.studies.interruption import StopSignals, checkpoint_of
-from opticcup_fem.studies.model import remarks_on, tissue_of
+from opticcup_fem.studies.model import balance_laws_of, remarks_on, tissue_of
 from opticcup_fem.studies.outcome import RunSummary, on_root, written
 from opticcup_fem.studies.progress import Progress, sentence
-from opticcup_fem.theory.prediction import cap_curvature_of_case
 from opticcup_fem.versions import versions
 
 
@@ -61,9 +62,13 @@ def profile_of(case: Case) -> Profile:
 
 def shell_of(case: Case, tissue: Tissue | None = None) -> MeridianShell:
     """Return the axisymmetric shell of a case, of another tissue if one is given."""
-    mesh, tissue = MeridianMesh(profile_of(case), grading_of(case)), tissue or tissue_of(case)
-    sections = {name: tissue.sections[name] for name in mesh.region}
-    return MeridianShell(mesh, sections, tissue.laws, case.material.closure)
+    mesh, own = MeridianMesh(profile_of(case), grading_of(case)), tissue or tissue_of(case)
+    sections = {name: own.sections[name] for name in mesh.region}
+    shell = MeridianShell(mesh, sections, own.laws, case.material.closure)
+    balances = balance_laws_of(case) if tissue is None else {}
+    if balances:
+        meridian_balance(shell, balances, case.mass.tolerance)
+    return shell
 
 
 def path_of(case: Case, tissue: Tissue | None = None) -> MeridianPath:
@@ -94,13 +99,16 @@ def run(
         resume: The folder holds an interrupted run of this case.
 
     Raises:
-        CaseError: The shell has an imperfection, the folder cannot be written or is in use, or
-            there is nothing to resume.
+        CaseError: The shell has an imperfection or is not axisymmetric, the folder cannot be
+            written or is in use, there is nothing to resume, or a tissue is to be resumed.
         InterruptedRun: SIGINT or SIGTERM arrived.
         RecordError: The records could not be written; what was written before is kept.
     """
     require_perfect(case, 'run.model = "meridian" is')
+    require_axisymmetric(case, 'run.model = "meridian" is')
     comm = comm or MPI.COMM_WORLD
+    if resume and tissue is not None:
+        raise CaseError("a run with layers or growth from Python is not resumed: run it again")
     if resume:
         checkpoint_of(case, out_dir, comm)
     with StopSignals(MPI.COMM_SELF) as stop:
@@ -124,7 +132,8 @@ def _run(
                 recorder.accept(point)
                 progress.step(point.t_n)
                 if received := stop.received():
-                    raise InterruptedRun(received, point.t_n, str(out_dir))
+                    folder = str(out_dir) if tissue is None else ""
+                    raise InterruptedRun(received, point.t_n, folder)
             failure = path.failure()
             with progress.phase("localising events"):
                 events = recorder.finish(failure)
@@ -157,7 +166,7 @@ class MeridianRecorder:
         """
         self.case = case
         text = case_to_toml(case, {**versions(), **remarks})
-        beginning = Checkpoint(case.model_dump_json())
+        beginning = None if remarks else Checkpoint(case.model_dump_json())
         self.folder = RunFolder(out_dir, text, overwrite=True, beginning=beginning)
         self.rows: list[dict[str, Any]] = []
         self.points: list[MeridianPoint] = []
@@ -259,13 +268,15 @@ class MeridianRecorder:
         return events
 
     def _kappa(self, t_n: float) -> float:
-        return float(cap_curvature_of_case(self.case, np.float64(t_n)))
+        return cap_curvature_of_run(self.case, self.rows, t_n)
 
     def _row(self, point: MeridianPoint, crosses: bool) -> dict[str, Any]:
         pairs = sum(count if m == 0 else 2 * count for m, count in point.negative.items())
+        balance = balance_columns(self.shell, point.state, point.t_n)
+        rows = [*self.rows, {"t_n": point.t_n, **balance}]
         return {
             "t_n": point.t_n,
-            "kappa_cap_R": self._kappa(point.t_n),
+            "kappa_cap_R": cap_curvature_of_run(self.case, rows, point.t_n),
             **self._observer(point.state, point.t_n),
             "jump": point.jump,
             "newton_iterations": point.path.iterations,
@@ -277,6 +288,7 @@ class MeridianRecorder:
             "limit_point": point.path.is_fold,
             "self_crossing": crosses,
             "arc_length": point.path.arc,
+            **balance,
             **{f"negative_m{m}": one.negative for m, one in point.spectra.items()},
             **{f"eigenvalue_m{m}": one.nearest for m, one in point.spectra.items()},
         }

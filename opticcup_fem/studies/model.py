@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 from mpi4py import MPI
 
 from opticcup_fem.case import Case
+from opticcup_fem.case.checks import LAYERS, fields_of
 from opticcup_fem.equilibrium.axisymmetric import AxisymmetricStepping
 from opticcup_fem.equilibrium.branch import BranchPath, BranchStepping
 from opticcup_fem.equilibrium.jumps import make_relaxation
@@ -14,13 +16,24 @@ from opticcup_fem.equilibrium.newton import WANDERING, MixedNewton
 from opticcup_fem.equilibrium.path import LoadStepping
 from opticcup_fem.equilibrium.problem import Problem
 from opticcup_fem.equilibrium.steps import StepControl
+from opticcup_fem.equilibrium.transport import surface_balance
 from opticcup_fem.mesh import SurfaceMesh, cup_mesh, disk_mesh, open_cap_mesh
-from opticcup_fem.shell.growth import GrowthLaw, LinearGrowth
+from opticcup_fem.scalar_fields import ScalarField, require_growth, require_values
+from opticcup_fem.shell.balance import BalanceLaw
+from opticcup_fem.shell.growth import (
+    Array,
+    GrowthLaw,
+    LinearGrowth,
+    PrescribedGrowth,
+    SurfacePoints,
+    UnevenLayer,
+)
 from opticcup_fem.shell.imperfection import Imperfection, draw_imperfection
 from opticcup_fem.shell.model import Shell
 from opticcup_fem.shell.section import Layer, Section
 from opticcup_fem.shell.supports import free, rigid_modes_of_cup
 from opticcup_fem.shell.tissue import Tissue
+from opticcup_fem.stimulus import GROWTH, NO_MASS, stimulus_of
 from opticcup_fem.studies.contact import contact_of
 from opticcup_fem.studies.stability import critical_points_of
 
@@ -40,10 +53,64 @@ def sections_of(case: Case) -> dict[str, Section]:
 
 
 def growth_of(case: Case) -> dict[str, GrowthLaw]:
-    """Return the growth law of every layer."""
-    growth = case.growth
-    rates = {"ecm": growth.ecm, "iov": growth.iov, "oov": growth.oov}
-    return {name: LinearGrowth(rate, growth.mass_change) for name, rate in rates.items()}
+    """Return the growth law of every layer.
+
+    Raises:
+        CaseError: A field has values without a meaning somewhere.
+    """
+    t_end = case.run.t_end
+    for key, value in fields_of(case).items():
+        field = ScalarField(value)
+        if key.startswith("growth"):
+            require_growth(field, key, t_end)
+        elif key.startswith("material"):
+            require_values(field, key, t_end, above=0.0)
+    return {layer: _law_of(case, layer) for layer in LAYERS}
+
+
+def _law_of(case: Case, layer: str) -> GrowthLaw:
+    rate, stimulus = getattr(case.growth, layer), stimulus_of(case, layer)
+    properties = [getattr(case.material, f"{name}_{layer}") for name in ("stiffness", "thickness")]
+    law: GrowthLaw
+    if isinstance(rate, float) and stimulus in (GROWTH, NO_MASS):
+        law = LinearGrowth(rate, stimulus == GROWTH)
+    else:
+        law = PrescribedGrowth(ScalarField(rate), stimulus)
+    if properties == [1.0, 1.0]:
+        return law
+    return UnevenLayer(law, *map(ScalarField, properties))
+
+
+def _source(field: ScalarField, t_n: float, points: SurfacePoints, rho: Array) -> Array:
+    return field.at(t_n, points.x, rho)
+
+
+def _diffusivity(field: ScalarField, t_n: float, points: SurfacePoints) -> Array:
+    return field.at(t_n, points.x)
+
+
+def balance_laws_of(case: Case) -> dict[str, BalanceLaw]:
+    """Return what changes the mass of every layer whose mass balance is to be solved.
+
+    Raises:
+        CaseError: A diffusivity is not a number of 0 or more somewhere.
+    """
+    laws = {}
+    for layer in LAYERS:
+        keys = getattr(case.mass, layer)
+        if keys.source == "":
+            continue
+        source, diffusivity, edge_flux = map(
+            ScalarField, (keys.source, keys.diffusivity, keys.edge_flux)
+        )
+        require_values(diffusivity, f"mass.{layer}.diffusivity", case.run.t_end, above=-1e-300)
+        laws[layer] = BalanceLaw(
+            stimulus_of(case, layer),
+            partial(_source, source),
+            None if diffusivity.is_zero else partial(_diffusivity, diffusivity),
+            None if edge_flux.is_zero else edge_flux.at,
+        )
+    return laws
 
 
 def tissue_of(case: Case) -> Tissue:
@@ -87,14 +154,18 @@ def mesh_of(case: Case, comm: MPI.Comm) -> SurfaceMesh:
 
 def shell_of(case: Case, comm: MPI.Comm, tissue: Tissue | None = None) -> Shell:
     """Return the shell of a case, of another tissue if one is given (collective)."""
-    tissue = tissue or tissue_of(case)
-    return Shell(
+    own = tissue or tissue_of(case)
+    shell = Shell(
         mesh_of(case, comm),
-        tissue.sections,
-        tissue.laws,
+        own.sections,
+        own.laws,
         case.material.closure,
         imperfection=imperfection_of(case),
     )
+    laws = balance_laws_of(case) if tissue is None else {}
+    if laws:
+        surface_balance(shell, laws, case.mass.tolerance)
+    return shell
 
 
 Stepping = LoadStepping | BranchStepping

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from opticcup_fem.case import Case, case_to_toml
 from opticcup_fem.checkpoint import Checkpoint
@@ -22,8 +20,8 @@ from opticcup_fem.records import RunFolder, Written
 from opticcup_fem.reordering import Reordering
 from opticcup_fem.snapshot import Floats, Integers, Snapshot
 from opticcup_fem.studies.critical_modes import CriticalMode, critical_arrays
+from opticcup_fem.studies.curvature import cap_curvature_of_run
 from opticcup_fem.studies.progress import Progress
-from opticcup_fem.theory.prediction import cap_curvature_of_case
 from opticcup_fem.versions import versions
 
 
@@ -37,6 +35,7 @@ class StateNumbers:
         negative_eigenvalues: Of the tangent, None where it has no inertia.
         residual: Norm of the residual.
         energy: Energy over mu_IOV R^3.
+        balance: Numbers of the mass balance by column, where one is solved.
     """
 
     jump: bool
@@ -44,6 +43,7 @@ class StateNumbers:
     negative_eigenvalues: int | None
     residual: float
     energy: float
+    balance: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,8 @@ class Recorder:
             out_dir: The run folder.
             progress: Where events are announced.
             resumed: What ``present`` gave when the run in the folder could last be resumed.
-            remarks: What case.toml shall begin with, beside the versions.
+            remarks: What case.toml shall begin with, beside the versions; such a run is not the
+                case's, and nobody can go on with it from its folder.
 
         Raises:
             CaseError: The folder cannot be written, or is in use.
@@ -107,7 +108,7 @@ class Recorder:
             self._announced = set(resumed["announced"])
             self._last_sectioned = bool(resumed["last_sectioned"])
         text = case_to_toml(case, {**versions(), **(remarks or {})})
-        beginning = Checkpoint(case.model_dump_json())
+        beginning = None if remarks else Checkpoint(case.model_dump_json())
         self.folder = RunFolder(out_dir, text, overwrite=True, resumed=written, beginning=beginning)
         self._has_modes = written is not None and written.critical > 0
         if resumed is not None:
@@ -149,9 +150,7 @@ class Recorder:
             and the run is to end there.  The state is then not a row.
         """
         contact = contact or ContactNumbers()
-        if self._observer is None:
-            self._observer = Observer(snapshot)
-            self._check, self._subdivision = surface_check(snapshot)
+        self._prepare(snapshot)
         if contact.report is not None:
             snapshot = replace(snapshot, contact_traction=contact.report.traction(snapshot))
         row = self._row(snapshot, numbers) | self._contact_columns(snapshot, contact)
@@ -161,7 +160,7 @@ class Recorder:
             if table.mode == "stop" and table.stop_at == "thickness":
                 return False
         if self.case.contact.mode != "off":
-            crossing = self._check(self._subdivision.matrix @ snapshot.position)
+            crossing = self._crossing(snapshot)
             if crossing is not None:
                 self._end_in_contact(row, crossing)
                 return False
@@ -173,6 +172,27 @@ class Recorder:
         self._note_events()
         self.progress.step(snapshot.t_n)
         return True
+
+    def ends_crossed(self, snapshot: Snapshot) -> bool:
+        """Record where a way down that came to no rest has crossed itself, and return whether.
+
+        What a surface does beyond that is nothing that a tissue would do: its contact is the end.
+        """
+        self._prepare(snapshot)
+        crossing = self._crossing(snapshot)
+        if crossing is not None:
+            numbers = StateNumbers(True, 0, None, float("nan"), float("nan"))
+            self._end_in_contact(self._row(snapshot, numbers), crossing)
+        return crossing is not None
+
+    def _prepare(self, snapshot: Snapshot) -> None:
+        """Make what depends on the mesh alone, once."""
+        if self._observer is None:
+            self._observer = Observer(snapshot)
+            self._check, self._subdivision = surface_check(snapshot)
+
+    def _crossing(self, snapshot: Snapshot) -> Crossing | None:
+        return self._check(self._subdivision.matrix @ snapshot.position)
 
     def critical(self, point: CriticalPoint, snapshot: Snapshot, motion: Floats) -> None:
         """Record a critical point: its event, and its mode for ParaView and for the picture.
@@ -237,14 +257,15 @@ class Recorder:
         return snapshot if self._reordering is None else self._reordering(snapshot)
 
     def _kappa(self, t_n: float) -> float:
-        return float(cap_curvature_of_case(self.case, np.float64(t_n)))
+        return cap_curvature_of_run(self.case, self.rows, t_n)
 
     def _row(self, snapshot: Snapshot, numbers: StateNumbers) -> dict[str, Any]:
         assert self._observer is not None
         negative = numbers.negative_eigenvalues
+        here = {"t_n": snapshot.t_n, **numbers.balance}
         return {
             "t_n": snapshot.t_n,
-            "kappa_cap_R": self._kappa(snapshot.t_n),
+            "kappa_cap_R": cap_curvature_of_run(self.case, [*self.rows, here], snapshot.t_n),
             **self._observer(snapshot),
             "jump": numbers.jump,
             "newton_iterations": numbers.iterations,
@@ -252,6 +273,7 @@ class Recorder:
             "stable": not negative,
             "residual": numbers.residual,
             "energy": numbers.energy,
+            **numbers.balance,
         }
 
     def _contact_columns(self, snapshot: Snapshot, contact: ContactNumbers) -> dict[str, Any]:

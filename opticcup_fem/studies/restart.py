@@ -76,11 +76,13 @@ class Restart:
             return
         self._saved = present
         states = tuple(self._cellwise.pack(state) for state in _states(present))
+        balance = self._cellwise.pack_balance()
         if recorder is not None and recorder.failed is None:
             numbers = {**_numbers(present), "records": recorder.present()}
+            numbers |= _balance_numbers(self._shell)
             case, corners = self._case.model_dump_json(), self._cellwise.corners
             with recorder.noting_failures():
-                write_checkpoint(self._folder, Checkpoint(case, numbers, states, corners))
+                write_checkpoint(self._folder, Checkpoint(case, numbers, states, corners, balance))
 
     def _restored(self, saved: Checkpoint) -> Present:
         """Return what the path goes on from (collective)."""
@@ -90,6 +92,9 @@ class Restart:
                 "so its run cannot be resumed: run the case again"
             )
         numbers = saved.numbers
+        if self._shell.balance is not None:
+            known = numbers["balance"]
+            self._cellwise.unpack_balance(dict(saved.balance), known["t_n"], known["steps"])
         states = [
             self._cellwise.unpack(dict(arrays), **contact)
             for arrays, contact in zip(saved.states, numbers["contact"], strict=True)
@@ -145,6 +150,19 @@ def _contact_numbers(state: ShellState) -> dict[str, Any]:
     """Return the numbers of a state's contact data, {} where it has none."""
     data = state.contact
     return {} if data is None else {"time": data.time, "touches": data.touches}
+
+
+def _balance_numbers(shell: Shell) -> dict[str, Any]:
+    """Return the numbers of the mass balance that belong to ``Cellwise.pack_balance``."""
+    balance = shell.balance
+    if balance is None:
+        return {}
+    steps = []
+    for by_layer in balance.past:
+        one = next(iter(by_layer.values()))
+        layers = {name: (step.total, step.error) for name, step in by_layer.items()}
+        steps.append({"start": one.start, "end": one.end, "layers": layers})
+    return {"balance": {"t_n": balance.t_n, "steps": steps}}
 
 
 def require_written(

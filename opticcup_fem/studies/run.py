@@ -7,7 +7,6 @@ from pathlib import Path
 from mpi4py import MPI
 
 from opticcup_fem.case import Case
-from opticcup_fem.errors import CaseError
 from opticcup_fem.shell.tissue import Tissue
 from opticcup_fem.studies.outcome import RunSummary
 
@@ -31,7 +30,7 @@ def run(
         tissue: Layers and growth in place of the case's, see ``tissue_of``.
         quiet: No progress bar.
         comm: MPI communicator, all ranks by default.
-        resume: Go on with the interrupted run of this case in the folder (surface model).
+        resume: Go on with the interrupted run of this case in the folder.
 
     Raises:
         CaseError: The case cannot be computed, or the folder not be written.
@@ -40,11 +39,11 @@ def run(
         RecordError: A state could not be written.
     """
     if case.run.model == "meridian":
-        if resume:
-            raise CaseError('runs with run.model = "meridian" are not resumed: run the case again')
         from opticcup_fem.studies import meridian
 
-        return meridian.run(case, Path(folder), tissue=tissue, quiet=quiet, comm=comm)
+        return meridian.run(
+            case, Path(folder), tissue=tissue, quiet=quiet, comm=comm, resume=resume
+        )
     from opticcup_fem.studies import cup
 
     return cup.run(case, Path(folder), tissue=tissue, quiet=quiet, comm=comm, resume=resume)

@@ -11,7 +11,7 @@ from mpi4py import MPI
 import numpy as np
 
 from opticcup_fem.case import Case
-from opticcup_fem.case.checks import require_cup
+from opticcup_fem.case.checks import require_axisymmetric, require_cup
 from opticcup_fem.events import Event
 from opticcup_fem.records import PATH, read_events, read_path
 from opticcup_fem.studies import cup, meridian
@@ -57,6 +57,7 @@ def run(
         MeshError: The cup cannot be meshed as the case asks.
     """
     require_cup(case, "the surface model, to which the meridian model is compared, is")
+    require_axisymmetric(case, "the meridian model, to which the surface is compared, is")
     comm = comm or MPI.COMM_WORLD
     folders = {name: out_dir / name for name in ("meridian", "surface")}
     outcomes = {

@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 import numpy.typing as npt
 
-from opticcup_fem.theory.arrays import FloatArray
-from opticcup_fem.theory.natural import cap_curvature
+from opticcup_fem.scalar_fields import ScalarField
+from opticcup_fem.stimulus import stimulus_of
+from opticcup_fem.theory.arrays import FloatArray, floats
+from opticcup_fem.theory.natural import natural_curvature
 from opticcup_fem.theory.plate import chi, plate_buckling_factor, snapping_limit
 from opticcup_fem.theory.rigidity import spring_ratio
 from opticcup_fem.theory.scaling import (
@@ -86,14 +88,67 @@ def cap_curvature_of_case(case: Case, t_n: npt.ArrayLike) -> FloatArray:
     Returns:
         kappa_cap R, same shape as `t_n`.
     """
-    curvature = cap_curvature(
-        t_n,
-        case.material.thickness_ratio,
-        case.material.modulus_ratio,
-        (case.growth.ecm, case.growth.iov),
-        case.growth.mass_change,
+    e_1, e_2 = (growth_factor(case, layer, t_n) for layer in ("ecm", "iov"))
+    rho_1, rho_2 = (
+        stimulus_of(case, layer).density_ratio_of_factor(e)
+        for layer, e in (("ecm", e_1), ("iov", e_2))
     )
-    return curvature * case.shape.radius_over_thickness
+    return cap_curvature_of_growth(
+        case,
+        (e_1, e_2),
+        (rho_1 * stiffness_factor(case, "ecm", t_n), rho_2 * stiffness_factor(case, "iov", t_n)),
+    )
+
+
+def cap_curvature_of_growth(
+    case: Case,
+    factors: tuple[npt.ArrayLike, npt.ArrayLike],
+    density_ratios: tuple[npt.ArrayLike, npt.ArrayLike],
+) -> FloatArray:
+    """Return kappa_cap R of given growth of the layers, (S18) times R/h.
+
+    Args:
+        case: The case.
+        factors: e of ECM and IOV, any shape.
+        density_ratios: Their rho_r, times a factor on their modulus.
+
+    Returns:
+        kappa_cap R, same shape.
+    """
+    material = case.material
+    ecm, iov = (thickness_factor(case, layer) for layer in ("ecm", "iov"))
+    m = material.thickness_ratio
+    thickness = (iov + m * ecm) / (1 + m)
+    curvature = natural_curvature(*factors, m * ecm / iov, material.modulus_ratio, *density_ratios)
+    return curvature / thickness * case.shape.radius_over_thickness
+
+
+def growth_factor(case: Case, layer: str, t_n: npt.ArrayLike) -> FloatArray:
+    """Return e of a layer at the apex.
+
+    Args:
+        case: The case.
+        layer: "ecm", "iov" or "oov".
+        t_n: Normalised time, any shape.
+
+    Returns:
+        Same shape as `t_n`; NaN where a mass balance decides on it.
+    """
+    (t_n,) = floats(t_n)
+    if getattr(case.mass, layer).source != "":
+        return np.full_like(t_n, np.nan)
+    rate = ScalarField(getattr(case.growth, layer))
+    return 1 + rate(t_n) * t_n
+
+
+def stiffness_factor(case: Case, layer: str, t_n: npt.ArrayLike) -> FloatArray:
+    """Return the factor on a layer's modulus at the apex."""
+    return ScalarField(getattr(case.material, f"stiffness_{layer}"))(t_n)
+
+
+def thickness_factor(case: Case, layer: str) -> float:
+    """Return the factor on a layer's thickness at the apex."""
+    return float(ScalarField(getattr(case.material, f"thickness_{layer}"))(0.0))
 
 
 def time_of_curvature(case: Case, kappa_cap_R: float) -> float:
@@ -135,7 +190,13 @@ def predict(case: Case, coefficients: ScalingCoefficients = PAPER_COEFFICIENTS) 
 
     Returns:
         Critical curvatures, times, and whether the cup becomes normal.
+
+    Raises:
+        CaseError: Growth or material vary, or a mass balance is to be solved.
     """
+    from opticcup_fem.case.checks import require_prescribed_numbers  # the theory needs NumPy only
+
+    require_prescribed_numbers(case, "the scaling laws are")
     shape, material = case.shape, case.material
     m, n, nu = material.thickness_ratio, material.modulus_ratio, material.poisson_ratio
     alpha, theta = shape.opening_angle, shape.theta_bar

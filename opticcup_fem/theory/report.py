@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from opticcup_fem.stimulus import stimulus_of
 from opticcup_fem.theory.natural import natural_stretch
 from opticcup_fem.theory.prediction import (
     Prediction,
     cap_curvature_of_case,
+    growth_factor,
     predict,
 )
 from opticcup_fem.theory.scaling import PAPER_COEFFICIENTS, ScalingCoefficients
@@ -68,10 +70,13 @@ def _curvature_table(case: Case) -> list[str]:
     rows = [f"{'t_n':>6}  {'Lambda':>8}  {'kappa h':>8}  {'kappa_cap R':>11}"]
     ratio = case.shape.radius_over_thickness
     for t_n in case.output.times:
-        e_1, e_2 = case.growth.factor("ecm", t_n), case.growth.factor("iov", t_n)
-        rho = None if case.growth.mass_change else 1.0
+        e_1, e_2 = (growth_factor(case, layer, t_n) for layer in ("ecm", "iov"))
+        rho_1, rho_2 = (
+            stimulus_of(case, layer).density_ratio_of_factor(e)
+            for layer, e in (("ecm", e_1), ("iov", e_2))
+        )
         m, n = case.material.thickness_ratio, case.material.modulus_ratio
-        stretch = float(natural_stretch(e_1, e_2, m, n, rho, rho))
+        stretch = float(natural_stretch(e_1, e_2, m, n, rho_1, rho_2))
         kappa = float(cap_curvature_of_case(case, t_n))
         rows.append(f"{t_n:6.4g}  {stretch:8.4f}  {kappa / ratio:8.4f}  {kappa:11.4f}")
     return rows

@@ -3,6 +3,7 @@
 import os
 import random
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -16,7 +17,7 @@ import pytest
 from opticcup_fem.checkpoint import CHECKPOINT, Checkpoint, read_checkpoint, write_checkpoint
 from opticcup_fem.errors import CaseError, InterruptedRun, RecordError
 from opticcup_fem.records import read_events, read_path
-from opticcup_fem.studies import cup
+from opticcup_fem.studies import cup, interruption
 from tests.support.cups import BETWEEN_PLATES, coarse_case
 from tests.support.interrupted import require_same_run, stop_after
 
@@ -218,3 +219,52 @@ def test_interrupted_before_and_behind_a_bifurcation(
         ):
             for name in one.files:
                 assert one[name].shape == other[name].shape
+
+
+FOLLOWED = {
+    "axisymmetric": (2, 4),
+    "branch": (2, 16),
+}
+"""How many states before and behind the bifurcation a run is stopped; a chart has 12 states."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("follow", FOLLOWED)
+def test_other_paths_resume_too(
+    follow: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Copies of an unfinished run, made before and behind the loss of symmetry, end like it."""
+    case = coarse_case(
+        15.0,
+        0.36,
+        run={"follow": follow},
+        solver={"max_step": 0.05},
+        output={"times": [0.1], "fields": False},
+    )
+    folder, before, behind = tmp_path / "run", *FOLLOWED[follow]
+    copies: list[Path] = []
+
+    def received(self: object) -> int:
+        kinds = [one["kind"] for one in read_events(folder)]
+        rows = len(read_path(folder))
+        if "symmetry_breaking" not in kinds:
+            if read_path(folder).t_n.iloc[-1] > 0.2:
+                copies[:] = [Path(shutil.copytree(folder, tmp_path / f"stopped{rows}"))]
+        else:
+            copies.append(Path(shutil.copytree(folder, tmp_path / f"stopped{rows}")))
+        return signal.SIGINT if len(copies) > behind else 0
+
+    monkeypatch.setattr(interruption.StopSignals, "received", received)
+    with pytest.raises(InterruptedRun):
+        cup.run(case, folder, quiet=True)
+    rows = len(read_path(folder))
+    for copy in (copies[0], copies[before], copies[-2]):
+        (copy / ".lock").unlink()
+        monkeypatch.setattr(
+            interruption.StopSignals,
+            "received",
+            lambda self, copy=copy: signal.SIGINT if len(read_path(copy)) >= rows else 0,
+        )
+        with pytest.raises(InterruptedRun):
+            cup.run(case, copy, quiet=True, resume=True)
+        require_same_run(copy, folder)

@@ -1,7 +1,7 @@
 """A deep elastic cap pressed by a rigid plate: half of a sphere squeezed between two.
 
-``python3 -m tests.support.plates docs/images/plate.png 50 100`` draws the forces for some R/h, the
-tables of which it keeps beside the picture and reads when they are there.
+``python3 -m tests.support.plates docs/images/plate.png 50 100`` draws forces for some R/h,
+whose tables it keeps beside the picture and reads when they are there.
 """
 
 import csv

@@ -71,8 +71,12 @@ def read_case(folder: Path, content: bytes, overrides: list[str]) -> None:
         path.write_text(case_to_toml(case, {"opticcup_fem": "1"}), encoding="utf-8")
         assert load_case(path) == case
         assert json.loads(case.model_dump_json())
-        if case.shape.kind == "cup":
+        if case.shape.kind != "cup":
+            return
+        try:
             assert "nan" not in prediction_report(case)
+        except CaseError as error:  # growth or layers that are not uniform
+            require_sentence(error)
 
 
 def read_study(folder: Path, content: bytes) -> None:

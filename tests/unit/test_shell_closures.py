@@ -5,6 +5,7 @@ What matters: `test_reference_state_is_free_of_stress` fails when a sign of n, b
 """
 
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -85,7 +86,7 @@ def stretches(closure: str, layer: Layer, e: float, xi: float, form: Array, ref:
 def density(closure: str, section: Section, form: Array, ref: Array, at: Array | None = None):
     """Energy per reference area at one point; `at`: forms at which lambda_3 is held."""
     total = 0.0
-    for layer, (heights, weights), (e, rho) in zip(
+    for layer, (heights, weights), (e, rho, *_) in zip(
         section.layers, section.gauss_points, GROWTH, strict=True
     ):
         for xi, w in zip(heights, weights, strict=True):
@@ -400,3 +401,30 @@ def test_sections_need_layers_of_different_names():
         Section([layer, layer])
     with pytest.raises(CaseError, match="one or more"):
         Section([])
+
+
+@pytest.mark.parametrize("closure", ALL)
+def test_factors_on_modulus_and_thickness_make_another_layer(closure):
+    """Uneven layers, point by point, are those of a section of their own."""
+    section = cup_sections()["cap"]
+    stiffness = np.linspace(0.5, 2.0, 4)
+    thickness = np.linspace(0.8, 1.3, 4)
+    growth = [one._replace(stiffness=stiffness, thickness=thickness[::-1]) for one in GROWTH]
+    rng = np.random.default_rng(3)
+    a_ref = np.tile([1.0, 1.1, 0.1], (4, 1))
+    forms = np.concatenate([1.4 * a_ref, -0.6 * a_ref], axis=1) + 0.02 * rng.normal(size=(4, 6))
+    found = resultants(closure, section, growth, forms, a_ref, K_REF)
+    for k in range(4):
+        layers = [
+            replace(
+                one,
+                shear_modulus=one.shear_modulus * stiffness[k],
+                thickness=one.thickness * thickness[::-1][k],
+            )
+            for one in section.layers
+        ]
+        expected = resultants(
+            closure, Section(layers), GROWTH, forms[k : k + 1], a_ref[k : k + 1], K_REF
+        )
+        for one, other in zip(found, expected, strict=True):
+            np.testing.assert_allclose(one[k : k + 1], other, rtol=1e-11, atol=1e-13)

@@ -170,6 +170,13 @@ def event_handles(kinds: Sequence[str], colours: Mapping[str, str]) -> list[Any]
     ]
 
 
+def cross_handle(label: str, marker: str = "x") -> Any:
+    """Return the legend handle of a cross where something ends."""
+    from matplotlib.lines import Line2D
+
+    return Line2D([], [], linestyle="none", marker=marker, color=style.INK, label=label)
+
+
 def shades(count: int) -> list[Any]:
     """Return ordered colours that stay distinct for the colour-blind and in grey."""
     return [colormaps["viridis"](x) for x in np.linspace(0.0, 0.88, count)]

@@ -18,6 +18,7 @@ from opticcup_fem.report.figures.base import (
     Comparison,
     Drawn,
     Row,
+    cross_handle,
     draw_path,
     event_handles,
     labelled,
@@ -116,6 +117,7 @@ def moduli_figure(results: Results) -> Drawn:
     for axes, cup, state in zip(panels, stressed, shown, strict=True):
         mapped = draw_field(axes, state, "stress", norm, "PuOr_r")
         axes.set_title(f"{_words(cup)}\n$t_n$ = {state['t_n']:g}", fontsize=8)
+    lower.suptitle("(b)", x=0.01, ha="left", fontsize=9)
     lower.colorbar(
         mapped, ax=list(panels), shrink=0.7, orientation="horizontal", aspect=50,
         label=r"meridional Cauchy stress $\sigma/\mu_\mathrm{IOV}$, mean of each layer",
@@ -234,7 +236,9 @@ def limits_figure(results: Results) -> Drawn:
     for axes, theta in zip(panels, (THICK, THIN), strict=True):
         _draw_poisson(axes, [c for c in poisson if abs(c.row["theta_bar"] - theta) < 0.01], theta)
     panels[0].set_title(rf"(b)  $\bar\theta$ = {THICK:g}", loc="left")
-    panels[1].legend(handles=event_handles(list(EVENT_COLOURS), EVENT_COLOURS), loc="best")
+    handles = event_handles(list(EVENT_COLOURS), EVENT_COLOURS)
+    handles.append(cross_handle("first state without ellipticity"))
+    lower.legend(handles=handles, loc="outside lower center", ncols=len(handles))
     comparisons = [
         Comparison(
             f"n = {cup.row['modulus_ratio']:g}",

@@ -18,6 +18,7 @@ from opticcup_fem.report.figures.base import (
     Comparison,
     Drawn,
     Row,
+    cross_handle,
     draw_path,
     event_handles,
     labelled,
@@ -62,7 +63,10 @@ def readings_figure(results: Results) -> Drawn:
     for axes in panels[len(rows) :]:
         axes.axis("off")
     handles = event_handles(list(EVENT_COLOURS), EVENT_COLOURS)
-    handles += [_cross("path ends early"), _cross("first state without ellipticity", "+")]
+    handles += [
+        cross_handle("path ends early"),
+        cross_handle("first state without ellipticity", "+"),
+    ]
     panels[len(rows)].legend(handles=handles, loc="center")
     summary = _summary(rows)
     lines = [
@@ -100,12 +104,6 @@ def _robustness(summary: pd.DataFrame) -> str:
     if len(never):
         sentence += f" Under {', '.join(never)} no cup is found to deepen before it buckles."
     return sentence
-
-
-def _cross(label: str, marker: str = "x") -> Any:
-    from matplotlib.lines import Line2D
-
-    return Line2D([], [], linestyle="none", marker=marker, color=style.INK, label=label)
 
 
 def _mark_failures(axes: Any, rows: Sequence[Row]) -> None:

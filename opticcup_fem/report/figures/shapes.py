@@ -60,6 +60,9 @@ def draw_field(axes: Axes, state: State, name: str, norm: Normalize, colours: st
     for region, layers in LAYERS.items():
         part = state["regions"][region]
         faces = np.array(part["faces"])
+        # a field near zero is as white as the paper
+        for side in (1.0, -1.0):
+            axes.plot(side * faces[:, :, 0], faces[:, :, 1], color=style.REFERENCE, lw=0.5)
         for k, layer in enumerate(layers):
             values_at = np.array(part[name][layer])
             field = (values_at[1:] + values_at[:-1]) / 2

@@ -22,7 +22,18 @@ Record = dict[str, Any]
 
 PACKAGE = Path(opticcup_fem.__file__).parent
 
-_SHARED = ("case", "events.py", "shell", "studies/model.py", "studies/sweep/rows.py", "theory")
+_SHARED = (
+    "case",
+    "events.py",
+    "expressions.py",
+    "scalar_fields.py",
+    "shell",
+    "stimulus.py",
+    "studies/curvature.py",
+    "studies/model.py",
+    "studies/sweep/rows.py",
+    "theory",
+)
 SOURCES = {
     "meridian": (
         *_SHARED,
