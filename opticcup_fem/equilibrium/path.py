@@ -220,7 +220,7 @@ class LoadStepping:
             spent += solution.iterations
             if found is not None:
                 if found.jump:
-                    history = History(self.problem, course, found.t_n, self._remembered(found))
+                    history = self._history(course, found)
                 else:
                     history.add(found.t_n, self._remembered(found))
                 quick = solution.iterations - solution.turns <= control.quick
