@@ -220,7 +220,7 @@ class LoadStepping:
             spent += solution.iterations
             if found is not None:
                 if found.jump:
-                    history = History(self.problem, course, found.t_n, self._remembered(found))
+                    history = self._history(course, found)
                 else:
                     history.add(found.t_n, self._remembered(found))
                 quick = solution.iterations - solution.turns <= control.quick
@@ -261,7 +261,9 @@ class LoadStepping:
         """
         share = (t_n - low.t_n) / (high.t_n - low.t_n)
         guess = low.state.plus(high.state.minus(low.state), share)
-        return self._attempt(t_n, self.problem.with_mean_directors(guess, low.state), low).point
+        point = self._attempt(t_n, self.problem.with_mean_directors(guess, low.state), low).point
+        self._may_descend = True  # as behind any accepted point
+        return point
 
     def _history(self, course: Course, point: PathPoint) -> History:
         """Return the history of a path that begins with a point (collective)."""

@@ -21,7 +21,8 @@ def colour_scale(quantity: str, values: Iterable[Mapping[str, Floats]]) -> Norma
     """Return the scale of colours that serves all states of a run.
 
     Stresses have the same colour strength in tension and in compression; their scale is linear up
-    to mu_IOV and logarithmic beyond, as the ECM's are so much larger than the tissue's.
+    to mu_IOV and logarithmic beyond, as the ECM's are so much larger than the tissue's.  Forces of
+    contact, which crowd on a few places, are logarithmic from a hundredth of the largest.
 
     Args:
         quantity: A key of `opticcup_fem.plots.body.QUANTITIES`.
@@ -29,7 +30,8 @@ def colour_scale(quantity: str, values: Iterable[Mapping[str, Floats]]) -> Norma
     """
     if quantity == "contact":  # on a small part of the surface, and in few states
         largest = max((float(v.max()) for state in values for v in state.values()), default=0.0)
-        return Normalize(0.0, max(largest, 1e-3))
+        largest = max(largest, 1e-3)
+        return SymLogNorm(linthresh=largest / 100, vmin=0.0, vmax=largest, base=10)
     limits = np.array(
         [np.nanpercentile(v, [1, 99]) for state in values for v in state.values() if v.size]
     )

@@ -125,7 +125,7 @@ def table(path: Path, ratio: float) -> list[Pressed]:
 
 @style.styled
 def draw(out: Path, ratios: list[float]) -> None:
-    """Draw force and gap at the apex over the deflection of the apex and the way of the plate."""
+    """Draw force and gap at the apex over the way of the plate."""
     figure = Figure(figsize=(8.4, 3.4), layout="constrained")
     forces, gaps = figure.subplots(1, 2)
     for ratio, colour in zip(ratios, style.CURVES, strict=False):
