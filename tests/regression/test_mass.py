@@ -36,8 +36,11 @@ def require_same_path(folder: Path, other: Path, tolerance: float) -> None:
     for name in one.columns:
         if one[name].dtype == float and name not in ("residual", "gap_over_h"):
             assert np.abs(one[name] - two[name]).max() < tolerance, name
-    kinds = [[(e["kind"], round(e["t_n"], 6)) for e in read_events(f)] for f in (folder, other)]
-    assert kinds[0] == kinds[1]
+    events = [read_events(f) for f in (folder, other)]
+    assert [e["kind"] for e in events[0]] == [e["kind"] for e in events[1]]
+    times = [[e["t_n"] for e in run] for run in events]
+    # a fastest descent is flat: its time is known less well than the path
+    np.testing.assert_allclose(*times, atol=2e-5)
 
 
 @pytest.fixture(scope="module")
