@@ -50,7 +50,8 @@ def test_slit_beside_the_stable_axisymmetric_cup() -> None:
     assert round_cup.m2 < 1e-9
     assert slit.energy / round_cup.energy - 1 == pytest.approx(-9.2e-5, abs=1e-5)
     opened = next(p for p in one.stepping.follow(state, 0.4, t_start=T_N) if p.jump)
-    assert one.form(opened.state, opened.energy).m2 < 1e-6
+    # a residual of 1e-8 over the eigenvalue of m = 2, some 1e-3
+    assert one.form(opened.state, opened.energy).m2 < 1e-4
     (end,) = opened.critical
     assert (end.kind, end.content.wavenumber) == ("limit_point", 2)
     assert end.t_n == pytest.approx(0.3707, abs=5e-4)
