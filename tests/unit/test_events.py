@@ -30,7 +30,7 @@ def descending(t_n: np.ndarray, c: np.ndarray, **columns: Any) -> list[dict[str,
     ]
 
 
-# physics.md section 6; t_1 within 1 %, t_2 within .003
+# the reference solver; t_1 within 1 %, t_2 within .003
 @pytest.mark.parametrize(
     ("size", "first", "first_type", "second", "second_type"),
     [
