@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +14,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from opticcup_fem.plots import style
+from opticcup_fem.plots.curves import by_stability
 from opticcup_fem.records import BIFURCATION, MODES, read_events, read_path
 
 if TYPE_CHECKING:
@@ -51,10 +51,8 @@ def bifurcation(run_dir: str | Path) -> Path:
 def _draw_panel(
     axes: Axes, path: pd.DataFrame, events: Sequence[dict[str, Any]], name: str
 ) -> None:
-    stable = path["stable"].to_numpy(dtype=bool)
     labelled: set[bool] = set()
-    for start, stop in _runs(stable):
-        part, kind = path.iloc[start : stop + 1], bool(stable[start])
+    for part, kind in by_stability(path):
         label = "" if kind in labelled else ("stable" if kind else "unstable")
         labelled.add(kind)
         line = "-" if kind else (0, (3, 1.5))
@@ -111,12 +109,6 @@ def _scale_time(axes: Axes, t_n: NDArray[np.float64]) -> None:
     marks = np.array([-0.1, -0.05, 0.0, 0.01, 0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0])
     shown = marks[(marks >= low) & (marks <= high)]
     axes.set_xticks(shown, [f"{t:g}" for t in shown])
-
-
-def _runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return (first, last + 1) of runs of equal flags; a run ends on the first of the next."""
-    ends = [0, *(np.flatnonzero(flags[1:] != flags[:-1]) + 1), len(flags)]
-    return [(int(a), int(b)) for a, b in pairwise(ends)]
 
 
 def _first_loss(run_dir: Path) -> dict[str, NDArray[Any]] | None:

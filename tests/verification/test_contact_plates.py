@@ -21,7 +21,7 @@ def test_flat_contact_and_then_a_dimple(ratio: float) -> None:
     for deflection, measured in zip(apex[small], force[small], strict=True):
         assert measured == pytest.approx(reissner(float(deflection)), rel=0.05)
     flat = (plate > 0.2) & (plate < 1.6)
-    assert flat.sum() >= 6
+    assert flat.sum() >= 8
     assert (gap[flat] > 0).all() and (gap[flat] < 1.4 * DISTANCE).all()
     assert (np.diff(force[flat]) > 0).all() and (np.diff(radius[flat]) >= 0).all()
     # the apex leaves the plate, which from then on stands on a ring
