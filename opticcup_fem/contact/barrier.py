@@ -21,11 +21,16 @@ from scipy import sparse
 from opticcup_fem.contact.surface import ContactSurface
 from opticcup_fem.snapshot import Floats
 
+ROOM = 0.5
+"""How far vertices may move, over d_hat, before the parts that are near are looked for again."""
+
 
 class Barrier:
     """Contact potential of a surface's vertices; serial, one thread, so that runs repeat.
 
-    Positions are those of `ContactSurface.vertices`, shape (n_vertices, 3).
+    Positions are those of `ContactSurface.vertices`, shape (n_vertices, 3).  Parts that are nearer
+    than d_hat somewhere within ``ROOM`` of the present positions are listed once and searched until
+    a vertex has gone farther (a Verlet list).
 
     Attributes:
         surface: The surface.
@@ -47,13 +52,30 @@ class Barrier:
         self._potential = ipctk.BarrierPotential(distance, stiffness / 2, True)
         self._at: Floats | None = None
         self._pairs = ipctk.NormalCollisions()
+        self._listed: Floats | None = None
+        self._near = ipctk.Candidates()
+
+    def _reaches(self, vertices: Floats) -> bool:
+        """Return whether the list holds for these positions."""
+        if self._listed is None:
+            return False
+        moved = np.linalg.norm(vertices - self._listed, axis=1).max()
+        return bool(moved <= ROOM * self.distance)
+
+    def _candidates(self, vertices: Floats) -> ipctk.Candidates:
+        """Return the list of parts that may be near, made afresh where it does not hold."""
+        if not self._reaches(vertices):
+            self._near = ipctk.Candidates()
+            self._near.build(self.surface.mesh, vertices, (0.5 + ROOM) * self.distance)
+            self._listed = vertices.copy(order="F")
+        return self._near
 
     def pairs(self, vertices: Floats) -> ipctk.NormalCollisions | None:
         """Return the pairs nearer than d_hat, None where there are none."""
         if self._at is None or not np.array_equal(self._at, vertices):
             pairs = ipctk.NormalCollisions()
             pairs.use_area_weighting = True
-            pairs.build(self.surface.mesh, vertices, self.distance)
+            pairs.build(self._candidates(vertices), self.surface.mesh, vertices, self.distance)
             self._at, self._pairs = vertices.copy(order="F"), pairs
         return self._pairs if len(self._pairs) else None
 
@@ -63,22 +85,28 @@ class Barrier:
         return 0.0 if pairs is None else self._potential(pairs, self.surface.mesh, vertices)
 
     def gradient(self, vertices: Floats) -> Floats | None:
-        """Return dE_c/dr at the nodes, shape (n_nodes, 3), None where nothing touches."""
-        pairs = self.pairs(vertices)
-        if pairs is None:
-            return None
-        forces = self._potential.gradient(pairs, self.surface.mesh, vertices)
-        return self.surface.pull_back(np.asarray(forces).reshape(-1, 3))
+        """Return dE_c/dx of the faces x at the nodes, shape (2, n_nodes, 3), inner face first.
 
-    def hessian(self, vertices: Floats) -> sparse.csr_array | None:
-        """Return d2E_c/dr2, shape (3 n_nodes, 3 n_nodes), None where nothing touches.
-
-        It is the true one, with its negative eigenvalues: those of contact that turns.
+        None where nothing touches.
         """
         pairs = self.pairs(vertices)
         if pairs is None:
             return None
-        hessian = self._potential.hessian(pairs, self.surface.mesh, vertices)
+        slope = self._potential.gradient(pairs, self.surface.mesh, vertices)
+        return self.surface.pull_back(np.asarray(slope).reshape(-1, 3))
+
+    def hessian(self, vertices: Floats, convex: bool = False) -> sparse.csr_array | None:
+        """Return d2E_c/dx2, shape (6 n_nodes, 6 n_nodes), None where nothing touches.
+
+        Args:
+            vertices: Positions.
+            convex: Without the negative eigenvalues of each pair: those of contact that turns.
+        """
+        pairs = self.pairs(vertices)
+        if pairs is None:
+            return None
+        method = ipctk.PSDProjectionMethod.CLAMP if convex else ipctk.PSDProjectionMethod.NONE
+        hessian = self._potential.hessian(pairs, self.surface.mesh, vertices, method)
         return self.surface.pull_back_matrix(hessian)
 
     def gap(self, vertices: Floats) -> float:
@@ -97,8 +125,12 @@ class Barrier:
             apart: Distance to be kept all the way, below the gap at ``start``.
         """
         # the toolkit's default method takes minutes over edges that move in parallel planes
+        method = ipctk.AdditiveCCD()
+        mesh, near = self.surface.mesh, self._candidates(start)
+        if apart <= self.distance and self._reaches(end):
+            return near.compute_collision_free_stepsize(mesh, start, end, apart, method)
         return ipctk.compute_collision_free_stepsize(
-            self.surface.mesh, start, end, apart, narrow_phase_ccd=ipctk.AdditiveCCD()
+            mesh, start, end, apart, narrow_phase_ccd=method
         )
 
     def crosses(self, vertices: Floats) -> bool:

@@ -1,11 +1,10 @@
 r"""Contact of a shell on all ranks: geometry on rank 0, forces and stiffness on every rank.
 
 Besides the positions r of its nodes a state carries what contact keeps fixed while it is solved
-for: the vectors from the nodes to the faces and the time at which obstacles stand
-(``ContactData``).  Both are brought up to date along ways that are free of collisions, and the
-state is solved again, until they are those of the state itself (``equilibrium.newton``).
-Frictionless contact pushes along the normal, so that the lever of a face makes no moment and the
-force may act on the mid-surface.
+for: the heights of the faces and the time at which obstacles stand (``ContactData``).  Both are
+brought up to date along ways that are free of collisions, and the state is solved again, until they
+are those of the state itself (``equilibrium.newton``).  Where the normals point follows r exactly
+(``faces``).
 """
 
 from __future__ import annotations
@@ -20,12 +19,13 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from opticcup_fem.contact.barrier import Barrier
-from opticcup_fem.contact.faces import face_offsets
+from opticcup_fem.contact.faces import FaceVariations, ShellFaces, face_heights
 from opticcup_fem.contact.gather import NodeGather
 from opticcup_fem.contact.obstacles import Obstacle
 from opticcup_fem.contact.surface import ContactSurface
 from opticcup_fem.errors import CaseError
 from opticcup_fem.shell.model import ContactData, Shell, ShellState
+from opticcup_fem.snapshot import NODES, Integers
 
 Array = NDArray[np.float64]
 
@@ -40,7 +40,10 @@ KEEP = 0.5
 is hard to open again."""
 
 UP_TO_DATE = 0.02
-"""Change of the faces, over the barrier's distance, that needs no further solve."""
+"""Change of the heights, over the barrier's distance, that needs no further solve."""
+
+MOST_CUTS = 20
+"""Times that a way is shortened until it is free."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +70,7 @@ class Contact:
         has_obstacles: Whether there are any.
         gather: Numbers of all nodes.
         barrier: The barrier on rank 0, None elsewhere.
+        faces: The shell's faces on rank 0, None elsewhere.
     """
 
     def __init__(
@@ -87,8 +91,11 @@ class Contact:
         self.gather = NodeGather(shell.spaces)
         reference = self.gather.to_root(shell.reference)
         orientation = self.gather.cell_values(shell.spaces.orientation)
+        gradient = self.gather.cell_values(shell.spaces.gradient_operator(NODES))
         self.barrier: Barrier | None = None
+        self.faces: ShellFaces | None = None
         if self.comm.rank == 0:
+            self.faces = ShellFaces(self.gather.cells, gradient, len(reference))
             surface = ContactSurface(
                 reference,
                 self.gather.cells,
@@ -122,7 +129,7 @@ class Contact:
 
     def _present(self, state: ShellState) -> ContactData:
         """Return faces and obstacles as they are in a state, touching or not (collective)."""
-        everywhere = face_offsets(self.shell, state, self.gather)
+        everywhere = face_heights(self.shell, state, self.gather)
         return ContactData(self.gather.from_root(everywhere), self.shell.t_n, True)
 
     def brought_up_to_date(self, state: ShellState) -> ShellState:
@@ -151,10 +158,10 @@ class Contact:
 
     def _vertices(self, data: ContactData, r: Array) -> Array:
         """Return the places of all vertices on rank 0, nothing elsewhere (collective)."""
-        nodes, offsets = self.gather.to_root(r), self.gather.to_root(data.offsets)
-        if self.barrier is None:
+        nodes, heights = self.gather.to_root(r), self.gather.to_root(data.heights)
+        if self.barrier is None or self.faces is None:
             return nodes
-        return self.barrier.surface.vertices(nodes, offsets, data.time)
+        return self.barrier.surface.vertices(self.faces.places(nodes, heights), data.time)
 
     def _of(self, state: ShellState) -> Array:
         assert state.contact is not None
@@ -165,19 +172,62 @@ class Contact:
         vertices = self._of(state)
         return float(self.comm.bcast(self.barrier.energy(vertices) if self.barrier else 0.0))
 
+    def forces(self, state: ShellState) -> Array | None:
+        """Return -dE_c/dx of both faces at all nodes on rank 0 (collective).
+
+        Returns:
+            Shape (2, n_nodes, 3), the inner face first; None on other ranks and where nothing
+            touches.
+        """
+        vertices = self._of(state)
+        slope = self.barrier.gradient(vertices) if self.barrier else None
+        return None if slope is None else -slope
+
     def gradient(self, state: ShellState) -> Array | None:
         """Return dE_c/dr at the rank's nodes, None where nothing touches (collective)."""
-        vertices = self._of(state)
-        value = self.barrier.gradient(vertices) if self.barrier else None
+        forces, value = self.forces(state), None
+        touched = None if forces is None else np.flatnonzero(np.any(forces != 0, axis=(0, 2)))
+        variations = self._variations(state, touched)
+        if variations is not None and forces is not None:
+            value = -(variations.first().T @ forces.ravel()).reshape(-1, 3)
         return self.gather.from_root(value) if self.comm.bcast(value is not None) else None
 
-    def hessian(self, state: ShellState) -> sparse.csr_array | None:
-        """Return d2E_c/dr2 in all nodes on every rank, None where nothing touches (collective)."""
-        vertices = self._of(state)
-        return self.comm.bcast(self.barrier.hessian(vertices) if self.barrier else None)
+    def hessian(self, state: ShellState, convex: bool = False) -> sparse.csr_array | None:
+        """Return d2E_c/dr2 in all nodes on every rank, None where nothing touches (collective).
+
+        Args:
+            state: The state.
+            convex: Leave out what contact that turns or faces that turn have of negative
+                stiffness: for descent, where the tangent must have none.
+        """
+        forces, vertices = self.forces(state), self._of(state)
+        stiffness = self.barrier.hessian(vertices, convex) if self.barrier else None
+        touched = None
+        if forces is not None and stiffness is not None:
+            rows = np.diff(stiffness.indptr).reshape(forces.shape)
+            touched = np.flatnonzero(np.any((rows > 0) | (forces != 0), axis=(0, 2)))
+        variations, value = self._variations(state, touched), None
+        if variations is not None and forces is not None:
+            first = variations.first()
+            value = first.T @ stiffness @ first
+            if not convex:
+                value = value - variations.second(forces)
+            value = sparse.csr_array(value)
+            value.eliminate_zeros()
+        return self.comm.bcast(value)
+
+    def _variations(self, state: ShellState, touched: Integers | None) -> FaceVariations | None:
+        """Return on rank 0 the variations of the faces at nodes that touch (collective)."""
+        assert state.contact is not None
+        r, heights = self.gather.to_root(state.r), self.gather.to_root(state.contact.heights)
+        if self.faces is None or touched is None:
+            return None
+        return self.faces.at(r, heights, touched)
 
     def free_fraction(self, start: ShellState, end: ShellState, keep: float = 0.0) -> float:
         """Return the share of a way in r and contact data that is safe, 0 to 1 (collective).
+
+        The faces' vertices go straight to where they are at the end of the way that remains.
 
         Args:
             start: State without a crossing.
@@ -185,12 +235,17 @@ class Contact:
             keep: Share of the gap at the start, or of the barrier's distance, to be kept.
         """
         first, last = self._of(start), self._of(end)
-        free = 1.0
-        if self.barrier is not None:
-            apart = keep * min(self.barrier.gap(first), self.barrier.distance) if keep else 0.0
-            free = self.barrier.free_fraction(first, last, apart)
-        free = float(self.comm.bcast(free))
-        return 1.0 if free >= 1.0 else SAFE * free
+        apart, share = 0.0, 1.0
+        if self.barrier is not None and keep:
+            apart = keep * min(self.barrier.gap(first), self.barrier.distance)
+        for _ in range(MOST_CUTS):
+            free = self.barrier.free_fraction(first, last, apart) if self.barrier else 1.0
+            free = float(self.comm.bcast(free))
+            if free >= 1.0:
+                return share
+            share *= SAFE * free
+            last = self._of(between(start, end, share))
+        return 0.0
 
     def gap(self, state: ShellState) -> float:
         """Return the least gap between faces, inf where it exceeds the barrier's (collective)."""
@@ -211,13 +266,14 @@ class Contact:
             arrived = self._present(guess)
         goal = replace(guess, contact=arrived)
         share = self.free_fraction(before, goal, KEEP)
-        if share >= 1.0:
-            return goal, 1.0
-        between = before.plus(guess.minus(before), share)
-        return replace(between, contact=_between(before.contact, arrived, share)), share
+        return (goal if share >= 1.0 else between(before, goal, share)), share
 
-    def renewed(self, state: ShellState) -> tuple[ShellState, bool]:
-        """Bring faces and obstacles up to date (collective).
+    def renewed(self, state: ShellState, lag: float = UP_TO_DATE) -> tuple[ShellState, bool]:
+        """Bring heights and obstacles up to date (collective).
+
+        Args:
+            state: The state.
+            lag: Change of the heights, over the barrier's distance, that is left as it is.
 
         Returns:
             The state with newer data, as new as is free of collisions, and whether it is as good
@@ -225,21 +281,24 @@ class Contact:
         """
         assert state.contact is not None
         data = self._present(state)
+        change = np.max(np.abs(data.heights - state.contact.heights), initial=0.0)
+        largest = self.comm.allreduce(float(change), MPI.MAX)
+        if largest <= lag * self.settings.distance and data.time == state.contact.time:
+            return self._with_touches(state), True
         goal = replace(state, contact=data)
         share = self.free_fraction(state, goal, KEEP)
         if share < 1.0:
-            return replace(state, contact=_between(state.contact, data, share)), False
-        change = float(np.max(np.linalg.norm(data.offsets - state.contact.offsets, axis=2)))
-        largest = self.comm.allreduce(change, MPI.MAX)
-        still = largest <= UP_TO_DATE * self.settings.distance and data.time == state.contact.time
-        if still:
-            return self._with_touches(state), True
+            return between(state, goal, share), False
         touched = self.gap(state) < np.inf
         goal = self._with_touches(goal)
         assert goal.contact is not None
         return goal, not (touched or goal.contact.touches)
 
 
-def _between(start: ContactData, end: ContactData, share: float) -> ContactData:
-    offsets = (1 - share) * start.offsets + share * end.offsets
-    return ContactData(offsets, (1 - share) * start.time + share * end.time, True)
+def between(start: ShellState, end: ShellState, share: float) -> ShellState:
+    """Return the state on the straight way between two, contact data included."""
+    first, last = start.contact, end.contact
+    assert first is not None and last is not None
+    heights = (1 - share) * first.heights + share * last.heights
+    data = ContactData(heights, (1 - share) * first.time + share * last.time, True)
+    return replace(start.plus(end.minus(start), share), contact=data)

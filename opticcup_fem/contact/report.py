@@ -23,7 +23,7 @@ class ContactReport:
 
     Attributes:
         energy: Energy of the barrier over mu_IOV R^3.
-        forces: Force on each node, shape (n, 3), unit mu_IOV R^2.
+        forces: Force on both faces at each node, shape (n, 3), unit mu_IOV R^2.
     """
 
     energy: float
@@ -86,6 +86,7 @@ def nodal_areas(snapshot: Snapshot, x: Floats) -> Floats:
 
 def contact_report(contact: Contact, state: ShellState) -> ContactReport | None:
     """Return the report on rank 0, None elsewhere (collective)."""
-    energy, gradient = contact.energy(state), contact.gradient(state)
-    forces = contact.gather.to_root(-gradient if gradient is not None else np.zeros_like(state.r))
-    return ContactReport(energy, forces) if contact.comm.rank == 0 else None
+    energy, forces = contact.energy(state), contact.forces(state)
+    n_nodes = len(contact.gather.to_root(state.r))
+    together = np.zeros((n_nodes, 3)) if forces is None else forces.sum(axis=0)
+    return ContactReport(energy, together) if contact.comm.rank == 0 else None

@@ -1,12 +1,8 @@
 r"""The surfaces that can touch: both faces of a shell, and rigid obstacles, as flat triangles.
 
-The faces are cut into flat triangles whose corners are linear in the nodes of the mid-surface:
-
-    v = P (r + o),
-
-r the nodes' positions, o the vectors from there to a face (lagged data, see ``faces``), P the
-cubic interpolation of ``snapshot.subdivide``.  Vertices are numbered: inner face, outer face,
-obstacles.
+The faces are cut into flat triangles whose corners are linear in the places of the face at the
+nodes (``faces.ShellFaces``): v = P x, P the cubic interpolation of ``snapshot.subdivide``.
+Vertices are numbered: inner face, outer face, obstacles.
 
 A shell's layers are thicker than its vertices are apart, so that neighbours along the shell are
 always "near".  Parts nearer than a given distance in the reference surface never collide.
@@ -71,9 +67,9 @@ class ContactSurface:
             np.concatenate([rest, rest, _shrunk(self._rigid, rest, cut.triangles)]), self.triangles
         )
         self.mesh.can_collide = self._filter(rest, cut.triangles, exempt)
-        both = sparse.vstack(
-            [self.map, self.map, sparse.csr_array((len(self._rigid.vertices), self.n_nodes))]
-        )
+        faces = sparse.block_diag([self.map, self.map], format="csr")
+        held = sparse.csr_array((len(self._rigid.vertices), 2 * self.n_nodes))
+        both = sparse.vstack([faces, held])
         self._pull = sparse.csr_array(sparse.kron(both, sparse.eye_array(3)))
         self._pull_back = sparse.csr_array(self._pull.T)
 
@@ -101,17 +97,15 @@ class ContactSurface:
         pairs = _neighbours(rest, triangles, exempt, across=not closed)
         return allowed & ipctk.make_sparse_filter(pairs, True)
 
-    def vertices(self, r: Floats, offsets: Floats, time: float = 0.0) -> Floats:
+    def vertices(self, faces: Floats, time: float = 0.0) -> Floats:
         """Return the places of all vertices, shape (n_vertices, 3), in Fortran's order.
 
         Args:
-            r: Positions of the nodes, shape (n_nodes, 3).
-            offsets: Vectors from the nodes to the inner and the outer face, shape (n_nodes, 2, 3).
+            faces: Places of the inner and the outer face at the nodes, shape (2, n_nodes, 3).
             time: Normalised time, for obstacles that move.
         """
-        faces = [self.map @ (r + offsets[:, k]) for k in (0, 1)]
         placed = joined(self.obstacles, time).vertices
-        return np.asfortranarray(np.concatenate([*faces, placed]))
+        return np.asfortranarray(np.concatenate([*(self.map @ face for face in faces), placed]))
 
     def holds_obstacle(self, half: float) -> bool:
         """Return whether an obstacle's vertex lies in the wall of the shell at its start.
@@ -125,12 +119,16 @@ class ContactSurface:
         return bool(distances.min() < half)
 
     def pull_back(self, forces: Floats) -> Floats:
-        """Return what forces on the vertices, shape (n_vertices, 3), do on the nodes."""
-        pulled: Floats = (self._pull_back @ forces.ravel()).reshape(-1, 3)
+        """Return forces on the vertices, shape (n_vertices, 3), as ones on the faces at the nodes.
+
+        Returns:
+            Shape (2, n_nodes, 3).
+        """
+        pulled: Floats = (self._pull_back @ forces.ravel()).reshape(2, -1, 3)
         return pulled
 
     def pull_back_matrix(self, hessian: sparse.csc_matrix) -> sparse.csr_array:
-        """Return a Hessian in the vertices as one in the nodes, shape (3 n_nodes, 3 n_nodes)."""
+        """Return a Hessian in the vertices as one in the faces, shape (6 n_nodes, 6 n_nodes)."""
         pulled = sparse.csr_array(self._pull_back @ sparse.csr_array(hessian) @ self._pull)
         pulled.eliminate_zeros()
         return pulled

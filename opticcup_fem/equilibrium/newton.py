@@ -39,6 +39,10 @@ MOST_IDLE = 5
 """Iterations without a smaller residual that end a solve with contact: it goes to and fro between
 pairs that touch and do not, and descent goes on better."""
 
+LONGEST_IN_TOUCH = 0.1
+"""Longest move of a node in one iteration where things touch, unit of length of the mesh: a tangent
+of contact knows nothing of the pairs that a long step would meet."""
+
 MOST_RENEWALS = 30
 """Solves for one state while faces and obstacles are brought up to date."""
 
@@ -280,17 +284,28 @@ class MixedNewton:
         """
         full = -y.array_r.copy()
         moves, _ = self.problem.split(self.problem.to_local(full))
-        fraction = self.problem.free_fraction(self._state, moves)
+        fraction = self._bound_in_touch(moves)
+        fraction *= self.problem.free_fraction(self._state, fraction * moves)
+        allowed = fraction
         while True:
             trial = self._stepped(fraction * full, fraction)
             self._resultants, self._lost = self.problem.shell.evaluate(trial)
-            if self._lost is None or fraction < SMALLEST_FRACTION:
+            free = fraction == allowed or self.problem.is_free(self._state, trial)
+            if (self._lost is None and free) or fraction < SMALLEST_FRACTION:
                 break
             fraction /= 2
         self._state = trial
         if fraction < 1.0:
             y.scale(fraction)
         return fraction < 1.0
+
+    def _bound_in_touch(self, moves: Array) -> float:
+        """Return the share of a step that is no longer than touching parts may go (collective)."""
+        contact = self._state.contact
+        if contact is None or not (self.problem.awake and contact.touches):
+            return 1.0
+        longest = self.problem.largest(np.linalg.norm(moves, axis=1))
+        return min(1.0, LONGEST_IN_TOUCH / longest) if longest > 0 else 1.0
 
     def _stepped(self, owned_step: Array, fraction: float) -> ShellState:
         """Return the state after a step of (r, alpha) and of what (kappa, sigma) do with it."""

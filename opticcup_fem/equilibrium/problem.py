@@ -273,10 +273,15 @@ class Problem:
             local[self.held] = 0.0
             out.array[:] += local[self._numbering.owned_local]
 
-    def contact_stiffness(self, state: ShellState) -> sparse.csr_array | None:
-        """Return the Hessian of contact for ``assemble_tangent`` (collective)."""
+    def contact_stiffness(self, state: ShellState, convex: bool = False) -> sparse.csr_array | None:
+        """Return the Hessian of contact for ``assemble_tangent`` (collective).
+
+        Args:
+            state: The state.
+            convex: Without what it has of negative stiffness.
+        """
         contact = self._awake()
-        return None if contact is None else contact.hessian(state)
+        return None if contact is None else contact.hessian(state, convex)
 
     def with_contact(self, state: ShellState) -> ShellState:
         """Return a state that has contact data, its own where it had none (collective)."""
@@ -290,6 +295,11 @@ class Problem:
         if contact is None:
             return 1.0
         return contact.free_fraction(state, replace(state, r=state.r + dr))
+
+    def is_free(self, before: ShellState, after: ShellState) -> bool:
+        """Return whether the way between two states is free of collisions (collective)."""
+        contact = self._awake()
+        return contact is None or contact.free_fraction(before, after) >= 1.0
 
     def _insert_far(self, matrix: PETSc.Mat, far: sparse.csr_array) -> None:
         """Add a matrix over all nodes' coordinates; held unknowns receive nothing."""

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from opticcup_fem.equilibrium.mass import lumped_mass
 from opticcup_fem.equilibrium.problem import Problem
@@ -24,6 +23,10 @@ Array = NDArray[np.float64]
 
 ARMIJO = 1e-4
 """Least decrease of the energy, as a fraction of what the slope promises."""
+
+LAG = 0.25
+"""Change of the faces' heights, over the barrier's distance, that a descent leaves until it has
+come to rest: renewed, they change the energy that it lowers."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +118,7 @@ class EnergyDescent:
             norm = self._gradient.norm()
             if self.monitor is not None:
                 self.monitor(iteration, norm, energy)
-            shift, spent = self._factorise(cells, shift, problem.contact_stiffness(state))
+            shift, spent = self._factorise(cells, shift, state, norm < self.tolerance)
             factorisations += spent
             if norm < self.tolerance and shift == 0.0:
                 state, done = self._renewed(state)
@@ -154,8 +157,8 @@ class EnergyDescent:
         if contact is None:
             return after, energy
         if problem.awake:
-            state, _ = contact.renewed(after)
-            return state, problem.energy(state)
+            state, same = contact.renewed(after, LAG)
+            return state, energy if same else problem.energy(state)
         passed = contact.passes(before, after)
         if passed is not None:
             return passed, energy
@@ -163,16 +166,20 @@ class EnergyDescent:
         return before, problem.energy(before)
 
     def _factorise(
-        self, cells: CondensedCells, shift: float, far: sparse.csr_array | None
+        self, cells: CondensedCells, shift: float, state: ShellState, at_rest: bool
     ) -> tuple[float, int]:
         """Factorise H + s M with s >= ``shift`` raised until no pivot is negative.
+
+        Where H has negative pivots, the convex part of contact's stiffness is tried before a shift,
+        which would slow down all motion; at rest only H itself tells whether a state is stable.
 
         Returns:
             The shift and the number of factorisations.
         """
         problem = self.problem
+        far = problem.contact_stiffness(state)
         problem.assemble_tangent(cells, far)
-        applied, spent = 0.0, 0
+        applied, spent, convex = 0.0, 0, at_rest or far is None
         while True:
             if shift > applied:
                 problem.add_diagonal(self._mass, shift - applied)
@@ -183,7 +190,11 @@ class EnergyDescent:
             assert inertia is not None
             if inertia.negative == 0 and inertia.zero == 0:
                 return shift, spent
-            shift = max(4 * shift, 1e-3)
+            if convex:
+                shift = max(4 * shift, 1e-3)
+                continue
+            problem.assemble_tangent(cells, problem.contact_stiffness(state, convex=True))
+            applied, convex = 0.0, True
 
     def _line_search(
         self, state: ShellState, energy: float
@@ -197,10 +208,12 @@ class EnergyDescent:
         longest = problem.largest(np.linalg.norm(dr, axis=1))
         fraction = min(1.0, self.max_move / longest) if longest > 0 else 1.0
         fraction *= problem.free_fraction(state, fraction * dr)
-        smallest_change = 1e-13 * max(abs(energy), 1e-3)
+        free, smallest_change = fraction, 1e-13 * max(abs(energy), 1e-3)
         while fraction > 1e-6:
             trial = replace(state, r=state.r + fraction * dr, alpha=state.alpha + fraction * dalpha)
-            reached = self._energy_of(trial)
+            reached = None
+            if fraction == free or problem.is_free(state, trial):
+                reached = self._energy_of(trial)
             if reached is not None:
                 trial, value = reached
                 if value <= energy + ARMIJO * fraction * slope + smallest_change:

@@ -61,7 +61,7 @@ class Cellwise:
         """Return a state as arrays over all cells on rank 0, {} elsewhere (collective).
 
         Angles count about the edge run counter-clockwise round the cell.  Of contact data the
-        faces' offsets are packed, not the two numbers.
+        faces' heights are packed, not the two numbers.
         """
         spaces, directors = self.shell.spaces, self.shell.directors
         arrays = {
@@ -72,7 +72,7 @@ class Cellwise:
             "sigma": state.sigma,
         }
         if state.contact is not None:
-            arrays["offsets"] = state.contact.offsets[spaces.nodes]
+            arrays["heights"] = state.contact.heights[spaces.nodes]
         return self.gather(arrays)
 
     def unpack(self, arrays: CellArrays, time: float = 0.0, touches: bool = False) -> ShellState:
@@ -80,8 +80,8 @@ class Cellwise:
 
         Args:
             arrays: What ``pack`` gave.
-            time: Normalised time of the obstacles, where there are ``offsets``.
-            touches: Whether anything touches, where there are ``offsets``.
+            time: Normalised time of the obstacles, where there are ``heights``.
+            touches: Whether anything touches, where there are ``heights``.
         """
         spaces = self.shell.spaces
         mine = {name: values[self._input] for name, values in arrays.items()}
@@ -92,8 +92,8 @@ class Cellwise:
             return nodal
 
         contact = None
-        if "offsets" in mine:
-            contact = ContactData(at_nodes(mine["offsets"]), time, touches)
+        if "heights" in mine:
+            contact = ContactData(at_nodes(mine["heights"]), time, touches)
         directors = self.shell.directors
         return ShellState(
             r=at_nodes(mine["r"]),

@@ -37,12 +37,12 @@ class ContactData:
     """What contact keeps fixed while a state is solved for (see ``contact.model``).
 
     Attributes:
-        offsets: Vectors from the nodes to the inner and the outer face, shape (n_nodes, 2, 3).
+        heights: Heights of the inner and the outer face over the nodes, shape (n_nodes, 2).
         time: Normalised time at which moving obstacles stand.
         touches: Whether anything is within the barrier's reach.
     """
 
-    offsets: Array
+    heights: Array
     time: float
     touches: bool
 

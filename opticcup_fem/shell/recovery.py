@@ -272,12 +272,33 @@ class _Part(NamedTuple):
     faces: dict[str, Array]
 
 
+def layer_heights(
+    shell: Shell, state: ShellState, region: str, fields: dict[str, LayerFields] | None = None
+) -> Array:
+    """Return the heights of the layer faces over the mid-surface at the nodes of a region's cells.
+
+    A face that lies at xi at rest lies at the integral of the layers' mean lambda_3 from 0 to xi.
+
+    Args:
+        shell: The shell, at the growth that ``state`` belongs to.
+        state: The state.
+        region: Name of a region.
+        fields: Its layers' fields, where they are known already.
+
+    Returns:
+        Innermost face first, shape (n_cells, n_nodes, n_layers + 1).
+    """
+    fields = fields or layer_fields(shell, state, region)
+    section = shell.sections[region]
+    stretches = [fields[layer.name].thickness_stretch for layer in section.layers]
+    factors = [fields[layer.name].thickness for layer in section.layers]
+    return section.face_heights(stretches, factors)
+
+
 def layer_faces(
     shell: Shell, state: ShellState, region: str, fields: dict[str, LayerFields] | None = None
 ) -> Array:
     """Return the places of the layer faces at the nodes of a region's cells.
-
-    A face of height xi lies at the integral of the layers' mean lambda_3 from 0 to xi.
 
     Args:
         shell: The shell, at the growth that ``state`` belongs to.
@@ -288,18 +309,13 @@ def layer_faces(
     Returns:
         Innermost face first, shape (n_cells, n_nodes, n_layers + 1, 3).
     """
-    fields = fields or layer_fields(shell, state, region)
-    spaces, section = shell.spaces, shell.sections[region]
-    cells = shell.region_cells(region)
+    heights = layer_heights(shell, state, region, fields)
+    spaces, cells = shell.spaces, shell.region_cells(region)
     nodes = spaces.nodes[cells]
     base = np.einsum("cqna,cni->cqai", spaces.gradient_operator(NODES)[cells], state.r[nodes])
     normal = np.cross(base[..., 0, :], base[..., 1, :])
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-    stretches = [fields[layer.name].thickness_stretch for layer in section.layers]
-    factors = [fields[layer.name].thickness for layer in section.layers]
-    heights = section.face_heights(stretches, factors)
-    position = state.r[nodes]
-    return position[:, :, None, :] + heights[..., None] * normal[:, :, None, :]
+    return state.r[nodes][:, :, None, :] + heights[..., None] * normal[:, :, None, :]
 
 
 def _joined(shell: Shell, parts: list[_Part], t_n: float) -> Snapshot:

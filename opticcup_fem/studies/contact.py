@@ -40,7 +40,8 @@ def contact_of(case: Case, shell: Shell) -> Contact | None:
     table = case.contact
     if table.mode != "resist":
         return None
-    settings = ContactSettings(table.distance * case.shape.thickness, table.stiffness)
+    distance = table.distance * case.shape.thickness
+    settings = ContactSettings(distance, table.stiffness, table.subdivision)
     return Contact(shell, settings, [obstacle_of(one) for one in table.obstacles])
 
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from opticcup_fem.contact.barrier import Barrier
-from opticcup_fem.contact.faces import nodal_means
+from opticcup_fem.contact.faces import ShellFaces
 from opticcup_fem.contact.obstacles import Box, Obstacle, Plate, Sphere, joined
 from opticcup_fem.contact.surface import ContactSurface
-from opticcup_fem.snapshot import Snapshot
-from tests.support.shapes import deformed, revolved, sphere_mesh, with_layers
+from opticcup_fem.snapshot import NODES, Snapshot, lagrange_gradient
+from tests.support.shapes import deformed, revolved, sphere_mesh
 
 H = 0.05
 FLAT, ROUND = 0.45, 1.2
@@ -25,15 +25,21 @@ def sphere() -> Snapshot:
     return sphere_mesh(0.2)
 
 
-def offsets_of(state: Snapshot, thickness: float = H) -> np.ndarray:
-    """Vectors from the nodes to both faces of a shell of constant thickness."""
-    layered = with_layers(state, thickness)
-    vectors = np.empty((len(state.cells), 10, 2, 3))
-    for region, faces in layered.faces.items():
-        cells = state.cells_of(region)
-        middle = state.position[state.cells[cells]]
-        vectors[cells] = faces[:, :, [0, -1]] - middle[:, :, None]
-    return nodal_means(vectors, state.cells, len(state.position))
+def shell_faces(mesh: Snapshot) -> ShellFaces:
+    """Faces of a shell on a mesh, r_,1 and r_,2 along the sides of the cells."""
+    gradient = np.tile(lagrange_gradient(NODES), (len(mesh.cells), 1, 1, 1))
+    gradient[..., 1] *= mesh.orientation[:, None, None]
+    return ShellFaces(mesh.cells, gradient, len(mesh.reference))
+
+
+def heights_of(mesh: Snapshot, thickness: float = H) -> np.ndarray:
+    """Heights of both faces of a shell of constant thickness."""
+    return np.tile([-thickness / 2, thickness / 2], (len(mesh.reference), 1))
+
+
+def faces_of(state: Snapshot, thickness: float = H) -> np.ndarray:
+    """Both faces of a shell of constant thickness."""
+    return shell_faces(state).places(state.position, heights_of(state, thickness))
 
 
 def dimple(sphere: Snapshot, gap: float) -> Snapshot:
@@ -60,18 +66,18 @@ def surface_of(
     )
 
 
-@pytest.mark.parametrize(("parts", "sag"), [(3, 1.2e-3), (6, 3e-4)])
+@pytest.mark.parametrize(("parts", "sag"), [(3, 1.2e-3), (6, 3.6e-4)])
 def test_gap_is_the_distance_between_faces(sphere: Snapshot, parts: int, sag: float) -> None:
     """Mid-surfaces apart less half the thickness of each, less what flat triangles sag; cut off."""
     gap = 0.01
     state = dimple(sphere, gap)
     surface = surface_of(sphere, parts)
-    vertices = surface.vertices(state.position, offsets_of(state))
+    vertices = surface.vertices(faces_of(state))
     found = Barrier(surface, 0.02, 1.0).gap(vertices)
     assert gap - sag < found < gap
     assert Barrier(surface, 0.9 * found, 1.0).gap(vertices) == np.inf
     assert Barrier(surface, 0.9 * found, 1.0).energy(vertices) == 0.0
-    thinner = surface.vertices(state.position, 0.8 * offsets_of(state))
+    thinner = surface.vertices(faces_of(state, 0.8 * H))
     assert Barrier(surface, 0.04, 1.0).gap(thinner) == pytest.approx(found + 0.2 * H, abs=sag)
 
 
@@ -79,29 +85,28 @@ def test_forces_push_apart_and_balance(sphere: Snapshot) -> None:
     """The apex is pushed up and the bottom down: descent of the energy; force and moment vanish."""
     state = dimple(sphere, 0.01)
     surface = surface_of(sphere)
-    gradient = Barrier(surface, 0.02, 1.0).gradient(
-        surface.vertices(state.position, offsets_of(state))
-    )
+    gradient = Barrier(surface, 0.02, 1.0).gradient(surface.vertices(faces_of(state)))
     assert gradient is not None
+    inner, outer = gradient
+    assert np.all(outer == 0)
     apex, bottom = (int(np.argmax(side * sphere.reference[:, 2])) for side in (1, -1))
-    assert gradient[apex, 2] < 0 < gradient[bottom, 2]
-    largest = np.abs(gradient).max()
-    assert np.abs(gradient.sum(axis=0)).max() < 1e-12 * largest
-    # the inner faces that touch lie between the mid-surfaces
-    moment = np.cross(state.position, gradient).sum(axis=0)
-    assert np.abs(moment).max() < 1e-2 * np.abs(gradient).sum()
+    assert inner[apex, 2] < 0 < inner[bottom, 2]
+    largest = np.abs(inner).max()
+    assert np.abs(inner.sum(axis=0)).max() < 1e-12 * largest
+    moment = np.cross(faces_of(state)[0], inner).sum(axis=0)
+    assert np.abs(moment).max() < 1e-12 * np.abs(inner).sum()
 
 
 def test_gradient_and_hessian_are_derivatives(sphere: Snapshot) -> None:
-    """Central differences of energy and gradient along a random motion."""
+    """Central differences of energy and gradient along a random motion of the faces."""
     state = dimple(sphere, 0.01)
     surface = surface_of(sphere, parts=4)
     barrier = Barrier(surface, 0.02, 0.7)
-    offsets = offsets_of(state)
-    direction = np.random.default_rng(1).normal(size=state.position.shape)
+    faces = faces_of(state)
+    direction = np.random.default_rng(1).normal(size=faces.shape)
 
     def moved(step: float) -> np.ndarray:
-        return surface.vertices(state.position + step * direction, offsets)
+        return surface.vertices(faces + step * direction)
 
     gradient, hessian = barrier.gradient(moved(0)), barrier.hessian(moved(0))
     assert gradient is not None and hessian is not None
@@ -114,34 +119,70 @@ def test_gradient_and_hessian_are_derivatives(sphere: Snapshot) -> None:
     bend = (after - before).ravel() / (2 * step)
     expected = hessian @ direction.ravel()
     assert np.abs(bend - expected).max() < 1e-5 * np.abs(expected).max()
+    convex = barrier.hessian(moved(0), convex=True)
+    assert convex is not None
+    touched = np.flatnonzero(np.diff(convex.indptr))
+    true, positive = (
+        np.linalg.eigvalsh(one.toarray()[np.ix_(touched, touched)]) for one in (hessian, convex)
+    )
+    assert true.min() < -1e-3 * true.max() and positive.min() > -1e-12 * positive.max()
+
+
+def test_faces_lie_along_the_normal(sphere: Snapshot) -> None:
+    """On a sphere of radius 1.3 those of heights -.1 and .2 are spheres of radius 1.2 and 1.5."""
+    heights = np.tile([-0.1, 0.2], (len(sphere.reference), 1))
+    places = shell_faces(sphere).places(1.3 * sphere.reference, heights)
+    for face, radius in zip(places, (1.2, 1.5), strict=True):
+        np.testing.assert_allclose(face, radius * sphere.reference, atol=3e-3)
+
+
+def test_variations_of_the_faces_are_derivatives(sphere: Snapshot) -> None:
+    """Central differences of the faces and of forces times faces; only where they are asked for."""
+    rng = np.random.default_rng(5)
+    state, faces = dimple(sphere, 0.01), shell_faces(sphere)
+    n, r = len(sphere.reference), state.position
+    heights = heights_of(sphere) * rng.uniform(0.5, 1.5, (n, 1))
+    direction = rng.normal(size=r.shape)
+    moved = np.flatnonzero(sphere.reference[:, 2] > 0.7)
+    step, variations = 1e-6, faces.at(r, heights, moved)
+    ahead, behind = (faces.places(r + s * step * direction, heights) for s in (1, -1))
+    slope = (ahead - behind) / (2 * step)
+    first = (variations.first() @ direction.ravel()).reshape(2, n, 3)
+    np.testing.assert_allclose(first[:, moved], slope[:, moved], atol=1e-7)
+    assert np.all(np.delete(first, moved, axis=1) == 0)
+
+    forces = np.zeros((2, n, 3))
+    forces[:, moved] = rng.normal(size=(2, len(moved), 3))
+    second = variations.second(forces)
+    assert abs(second - second.T).max() < 1e-12 * abs(second).max()
+    levers = [
+        faces.at(r + s * step * direction, heights, moved).first().T @ forces.ravel()
+        for s in (1, -1)
+    ]
+    bend = (levers[0] - levers[1]) / (2 * step)
+    assert np.abs(second @ direction.ravel() - bend).max() < 1e-6 * np.abs(bend).max()
 
 
 def test_stiffness_and_distance_enter(sphere: Snapshot) -> None:
     """Energy and forces are proportional to the stiffness; a longer barrier pushes more."""
     state = dimple(sphere, 0.01)
     surface = surface_of(sphere)
-    vertices = surface.vertices(state.position, offsets_of(state))
+    vertices = surface.vertices(faces_of(state))
     one = Barrier(surface, 0.02, 1.0).energy(vertices)
     assert Barrier(surface, 0.02, 3.0).energy(vertices) == pytest.approx(3 * one)
     assert Barrier(surface, 0.04, 1.0).energy(vertices) > 2 * one
 
 
-def test_vertices_are_linear_in_the_nodes(sphere: Snapshot) -> None:
-    """With three parts the vertices are nodes; finer ones interpolate nodes and offsets alike."""
-    rng = np.random.default_rng(2)
-    r, offsets = (
-        rng.normal(size=sphere.reference.shape),
-        rng.normal(size=(2, *sphere.reference.shape)),
-    )
-    offsets = np.moveaxis(offsets, 0, 1)
+def test_vertices_are_linear_in_the_faces(sphere: Snapshot) -> None:
+    """With three parts the vertices are nodes; finer ones interpolate them."""
+    faces = np.random.default_rng(2).normal(size=(2, *sphere.reference.shape))
     coarse, fine = surface_of(sphere), surface_of(sphere, parts=6)
-    vertices = coarse.vertices(r, offsets)
-    np.testing.assert_allclose(vertices[: len(r)], r + offsets[:, 0])
-    np.testing.assert_allclose(vertices[len(r) :], r + offsets[:, 1])
-    halves = 0.5 * fine.vertices(2 * r, 2 * offsets)
-    np.testing.assert_allclose(fine.vertices(r, offsets), halves, atol=1e-12)
+    vertices = coarse.vertices(faces)
+    np.testing.assert_allclose(vertices, np.concatenate(faces))
+    halves = 0.5 * fine.vertices(2 * faces)
+    np.testing.assert_allclose(fine.vertices(faces), halves, atol=1e-12)
     # both cut the same surface: every vertex of the coarse one is one of the fine one
-    places = {tuple(np.round(v, 9)) for v in fine.vertices(r, offsets)}
+    places = {tuple(np.round(v, 9)) for v in fine.vertices(faces)}
     assert all(tuple(np.round(v, 9)) in places for v in vertices)
 
 
@@ -149,9 +190,8 @@ def test_force_is_pulled_back_by_virtual_work(sphere: Snapshot) -> None:
     """Force times velocity is the same at the vertices and at the nodes."""
     rng = np.random.default_rng(3)
     surface = surface_of(sphere, parts=5, obstacles=(Plate((0, 0, -3), (0, 0, 1), 2.0),))
-    none = np.zeros((len(sphere.reference), 2, 3))
-    velocity = rng.normal(size=sphere.reference.shape)
-    at_vertices = surface.vertices(velocity, none) - surface.vertices(0 * velocity, none)
+    velocity = rng.normal(size=(2, *sphere.reference.shape))
+    at_vertices = surface.vertices(velocity) - surface.vertices(0 * velocity)
     force = rng.normal(size=at_vertices.shape)
     expected = np.sum(force * at_vertices)
     assert np.sum(surface.pull_back(force) * velocity) == pytest.approx(expected, rel=1e-12)
@@ -161,27 +201,26 @@ def test_energy_is_an_integral_over_the_surface(sphere: Snapshot) -> None:
     """Pressed surfaces: k d_hat b(gap/d_hat) times the area, and somewhat more; never less."""
     distance, gap, stiffness = 0.02, 0.01, 3.0
     state = dimple(sphere, gap)
-    offsets = offsets_of(state)
     x = (gap / distance) ** 2
     density = -stiffness * distance * (x - 1) ** 2 * np.log(x)
     area = 2 * np.pi * (1 - np.cos(FLAT))
     for parts in (3, 4):
         surface = surface_of(sphere, parts)
-        vertices = surface.vertices(state.position, offsets)
+        vertices = surface.vertices(faces_of(state))
         energy = Barrier(surface, distance, stiffness).energy(vertices)
         assert area * density < energy < 2 * area * density
 
 
 def test_neighbours_along_the_shell_do_not_touch(sphere: Snapshot) -> None:
     """A barrier wider than the triangles sees neighbours only where they are not exempt."""
-    offsets = offsets_of(sphere)
+    faces = faces_of(sphere)
     none, near = surface_of(sphere, exempt=-1.0), surface_of(sphere)
     wide = 0.07
-    assert Barrier(none, wide, 1.0).gap(none.vertices(sphere.reference, offsets)) < wide
-    assert Barrier(near, wide, 1.0).gap(near.vertices(sphere.reference, offsets)) == np.inf
+    assert Barrier(none, wide, 1.0).gap(none.vertices(faces)) < wide
+    assert Barrier(near, wide, 1.0).gap(near.vertices(faces)) == np.inf
     # parts far apart in the reference surface touch as before
     state = dimple(sphere, 0.01)
-    vertices = near.vertices(state.position, offsets_of(state))
+    vertices = near.vertices(faces_of(state))
     assert Barrier(near, 0.02, 1.0).gap(vertices) < 0.01
 
 
@@ -191,15 +230,14 @@ def test_steps_end_before_a_collision(sphere: Snapshot) -> None:
     surface = surface_of(sphere)
     barrier = Barrier(surface, 0.02, 1.0)
     start = dimple(sphere, gap)
-    offsets = offsets_of(start)
-    before = surface.vertices(start.position, offsets)
-    through = surface.vertices(dimple(sphere, -4 * gap).position, offsets)
+    before = surface.vertices(faces_of(start))
+    through = surface.vertices(faces_of(dimple(sphere, -4 * gap)))
     free = barrier.free_fraction(before, through)
     assert 0.7 * 0.2 < free < 0.2
     assert not barrier.crosses(before) and barrier.crosses(through)
     stopped = np.asfortranarray(before + free * (through - before))
     assert not barrier.crosses(stopped)
-    assert barrier.free_fraction(before, surface.vertices(sphere.reference, offsets)) == 1.0
+    assert barrier.free_fraction(before, surface.vertices(faces_of(sphere))) == 1.0
 
 
 def test_room_that_was_found_is_not_trusted_too_far(sphere: Snapshot) -> None:
@@ -208,7 +246,7 @@ def test_room_that_was_found_is_not_trusted_too_far(sphere: Snapshot) -> None:
     used = Barrier(surface, 0.012, 1.0)
     for gap in (0.3, 0.04, 0.01, 0.014, 0.3, 0.008):
         state = dimple(sphere, gap)
-        vertices = surface.vertices(state.position, offsets_of(state))
+        vertices = surface.vertices(faces_of(state))
         assert used.gap(vertices) == Barrier(surface, 0.012, 1.0).gap(vertices)
         assert used.energy(vertices) == Barrier(surface, 0.012, 1.0).energy(vertices)
 
@@ -259,10 +297,11 @@ def test_a_plate_pushes_the_nearest_face(sphere: Snapshot) -> None:
     plate = Plate((0, 0, -1 - H / 2 - gap), (0, 0, 1), 4.0)
     surface = surface_of(sphere, obstacles=(plate,))
     barrier = Barrier(surface, 0.02, 1.0)
-    vertices = surface.vertices(sphere.reference, offsets_of(sphere))
+    vertices = surface.vertices(faces_of(sphere))
     assert barrier.gap(vertices) == pytest.approx(gap, rel=1e-5)
     gradient = barrier.gradient(vertices)
     assert gradient is not None
-    assert gradient[:, 2].sum() < -0.9 * np.abs(gradient).sum() / 3 < 0
-    raised = sphere.reference + np.array([0.0, 0.0, 0.02])
-    assert barrier.gradient(surface.vertices(raised, offsets_of(sphere))) is None
+    inner, outer = gradient
+    assert np.all(inner == 0)
+    assert outer[:, 2].sum() < -0.9 * np.abs(outer).sum() < 0
+    assert barrier.gradient(surface.vertices(faces_of(sphere) + np.array([0.0, 0.0, 0.02]))) is None
