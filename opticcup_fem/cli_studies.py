@@ -160,6 +160,7 @@ def hysteresis(
     at: Annotated[
         float | None, typer.Option(metavar="T", help="t_n of that; default the last output time.")
     ] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.")] = False,
 ) -> None:
     """Follow a buckled cup back in time and to thicker shells, beside the round one.
 
@@ -174,7 +175,9 @@ def hysteresis(
         with abort_all_ranks_on_a_bug():
             from opticcup_fem.studies import hysteresis as study
 
-            outcome = study.run(case, out, ratios=ratio, at=at)
+            outcome = study.run(
+                case, out, ratios=ratio, at=at, quiet=quiet or not sys.stderr.isatty()
+            )
         say(outcome.message, err=not outcome.ok)
         if not outcome.ok:
             raise typer.Exit(FAILED_RUN)

@@ -23,7 +23,13 @@ from opticcup_fem.observables import Observer
 from opticcup_fem.shell.closures import CLOSURES
 from opticcup_fem.shell.model import Shell, ShellState
 from opticcup_fem.shell.recovery import capture
-from opticcup_fem.studies.model import growth_of, mesh_of, sections_of, stepping_of
+from opticcup_fem.studies.model import (
+    growth_of,
+    mesh_of,
+    sections_of,
+    stepping_of,
+    with_slenderness,
+)
 
 ROUND = 0.1
 """Amplitude of the interface's m = 2, in R, above which a cup is a slit; slits have .4 and more,
@@ -41,12 +47,14 @@ class Form:
         state: Its state.
         energy: Its strain energy, mu_IOV R^3.
         m2: Amplitude of the interface's m = 2, in R.
+        touches: Whether its parts hold each other; never, where contact is not resisted.
         crosses: Whether the middle surface passes through itself: no tissue can take this form.
     """
 
     state: ShellState
     energy: float
     m2: float
+    touches: bool
     crosses: bool
 
     @property
@@ -78,6 +86,7 @@ class Pair:
         for name, form in (("slit", self.slit), ("round", self.round_cup)):
             row[f"energy_{name}"] = None if form is None else form.energy
         row["m2_slit"] = None if self.slit is None else self.slit.m2
+        row["slit_touches"] = None if self.slit is None else self.slit.touches
         row["slit_crosses_itself"] = None if self.slit is None else self.slit.crosses
         row["excess"] = row["energy_slit"] / row["energy_round"] - 1 if both else None
         return row
@@ -117,7 +126,8 @@ class Cup:
         self._observer = self._observer or Observer(snapshot)
         check, subdivision = surface_check(snapshot)
         crosses = check(subdivision.matrix @ snapshot.position) is not None
-        return Form(state, energy, self._observer(snapshot)["interface_m2"], crosses)
+        touches = state.contact is not None and state.contact.touches
+        return Form(state, energy, self._observer(snapshot)["interface_m2"], touches, crosses)
 
     def grown(self, times: Sequence[float]) -> dict[float, Form]:
         """Return the states at some times of the path that is stable from the start.
@@ -161,9 +171,7 @@ def cup_of(case: Case, ratio: float, mesh: SurfaceMesh | None = None) -> Cup:
             "energies are compared of stable states of a closure that has one: take "
             'run.follow = "stable" and layer-stretch, condensed or stationary'
         )
-    tables = case.model_dump(mode="json")
-    tables["shape"]["radius_over_thickness"] = ratio
-    case = parse_case(tables)
+    case = with_slenderness(case, ratio)
     mesh = mesh or mesh_of(case, MPI.COMM_SELF)
     shell = Shell(mesh, sections_of(case), growth_of(case), case.material.closure)
     stepping = stepping_of(case, shell)

@@ -9,6 +9,7 @@ difference of their energies.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from typing import Any
 from mpi4py import MPI
 
 import numpy as np
+import pandas as pd
 
 from opticcup_fem.case import Case, parse_case
 from opticcup_fem.case.checks import require_cup, require_perfect
@@ -27,7 +29,15 @@ from opticcup_fem.mesh import SurfaceMesh
 from opticcup_fem.observables import Observer
 from opticcup_fem.shell.model import Shell, ShellState
 from opticcup_fem.shell.recovery import capture
-from opticcup_fem.studies.model import growth_of, mesh_of, sections_of, stepping_of
+from opticcup_fem.studies.model import (
+    growth_of,
+    mesh_of,
+    sections_of,
+    stepping_of,
+    with_slenderness,
+)
+from opticcup_fem.studies.progress import Progress
+from opticcup_fem.whole_files import replacing
 
 TABLE, PICTURE = "hysteresis.csv", "hysteresis.png"
 
@@ -81,6 +91,27 @@ class Hysteresis:
 
 def _range(ends: tuple[float, float]) -> str:
     return f"{ends[0]:.4g} and {ends[1]:.4g}"
+
+
+class _Ledger:
+    """The rows, in the table on rank 0 as soon as they are known, and the bar that shows them."""
+
+    def __init__(self, path: Path | None, progress: Progress) -> None:
+        self.rows: list[Row] = []
+        self._path, self._progress = path, progress
+
+    def add(self, row: Row) -> None:
+        self.rows.append(row)
+        self._progress.step(row["t_n"])
+        if self._path is not None:
+            with replacing(self._path) as unfinished:
+                pd.DataFrame(self.rows).to_csv(unfinished, index=False)
+
+    def phase(self, name: str) -> AbstractContextManager[None]:
+        return self._progress.phase(name)
+
+    def of(self, branch: str) -> list[Row]:
+        return [row for row in self.rows if row["branch"] == branch]
 
 
 class _Cup:
@@ -143,10 +174,11 @@ def run(
     ratios: Sequence[float] = (),
     at: float | None = None,
     comm: MPI.Comm | None = None,
+    quiet: bool = True,
 ) -> Hysteresis:
     """Follow the slit of a case back in t_n, and to thicker shells (collective).
 
-    Writes ``hysteresis.csv`` and ``hysteresis.png``.
+    Writes ``hysteresis.csv``, a row as soon as its state is known, and ``hysteresis.png``.
 
     Args:
         case: A case with ``contact.mode = "resist"`` that buckles before ``run.t_end``.
@@ -154,29 +186,28 @@ def run(
         ratios: Values of R/h, the most slender first, to which the slit is carried.
         at: t_n at which it is, one of ``output.times``; the last one by default.
         comm: MPI communicator, all ranks by default.
+        quiet: Whether no progress is shown.
 
     Raises:
         CaseError: The case has no slit to follow, or ``at`` is not one of its output times.
     """
     _require(case, at)
     comm = comm or MPI.COMM_WORLD
-    cup = _Cup(case, mesh_of(case, comm))
-    rows, slits = _there_and_back(cup)
-    round_rows, rounds = _round(cup)
-    rows += round_rows
-    where = case.output.times[-1] if at is None else at
-    thicker: list[Row] = []
-    if ratios and where in slits and where in rounds:
-        thicker = _thicker(cup, slits[where], rounds[where], ratios, where)
-    found = _found(rows, thicker)
-    if comm.rank == 0:
-        import pandas as pd
-
+    root = comm.rank == 0
+    progress = Progress(case.run.t_end, shown=root and not quiet)
+    ledger = _Ledger(out_dir / TABLE if root else None, progress)
+    with progress.running():
+        cup = _Cup(case, mesh_of(case, comm))
+        slits = _there_and_back(cup, ledger)
+        rounds = _round(cup, ledger)
+        where = case.output.times[-1] if at is None else at
+        if ratios and where in slits and where in rounds:
+            _thicker(cup, ledger, slits[where], rounds[where], ratios, where)
+    if root:
         from opticcup_fem.plots.hysteresis import hysteresis
 
-        pd.DataFrame(found.rows).to_csv(out_dir / TABLE, index=False)
         hysteresis(out_dir / TABLE, out_dir / PICTURE)
-    return found
+    return _found(ledger)
 
 
 def _require(case: Case, at: float | None) -> None:
@@ -194,76 +225,83 @@ def _require(case: Case, at: float | None) -> None:
 States = dict[float, ShellState]
 
 
-def _there_and_back(cup: _Cup) -> tuple[list[Row], States]:
-    """Follow growth on, and back as long as there is a slit; keep the slits at output times."""
-    rows: list[Row] = []
+def _there_and_back(cup: _Cup, ledger: _Ledger) -> States:
+    """Follow growth on, and back as long as there is a slit; return the slits at output times."""
     last: PathPoint | None = None
-    for row, point in cup.path("on", cup.shell.reference_state(), 0.0, cup.case.run.t_end):
-        rows.append(row)
-        last = point
+    with ledger.phase("growing"):
+        for row, point in cup.path("on", cup.shell.reference_state(), 0.0, cup.case.run.t_end):
+            ledger.add(row)
+            last = point
     slits: States = {}
-    if last is None or not rows[-1]["slit"]:
-        return rows, slits
-    for row, point in cup.path("back", last.state, last.t_n, 0.0):
-        rows.append(row)
-        if not row["slit"]:
-            break
-        slits[point.t_n] = point.state
-    return rows, slits
+    if last is None or not ledger.rows[-1]["slit"]:
+        return slits
+    with ledger.phase("shrinking"):
+        for row, point in cup.path("back", last.state, last.t_n, 0.0):
+            ledger.add(row)
+            if not row["slit"]:
+                break
+            slits[point.t_n] = point.state
+    return slits
 
 
-def _round(cup: _Cup) -> tuple[list[Row], States]:
+def _round(cup: _Cup, ledger: _Ledger) -> States:
     """Follow the axisymmetric states, stable or not, on the same shell."""
     tables = cup.case.model_dump(mode="json")
     tables["run"]["follow"] = "axisymmetric"
     tables["contact"] = {"mode": "off"}
     other = _Cup(parse_case(tables), cup.shell.surface_mesh)
-    rows, states = [], {}
-    for row, point in other.path("round", other.shell.reference_state(), 0.0, cup.case.run.t_end):
-        rows.append(row)
-        states[point.t_n] = point.state
-    return rows, states
+    states: States = {}
+    with ledger.phase("round cup"):
+        start, t_end = other.shell.reference_state(), cup.case.run.t_end
+        for row, point in other.path("round", start, 0.0, t_end):
+            ledger.add(row)
+            states[point.t_n] = point.state
+    return states
 
 
 def _thicker(
-    cup: _Cup, slit: ShellState, round_: ShellState, ratios: Sequence[float], t_n: float
-) -> list[Row]:
-    """Carry slit and round cup from one R/h to the next."""
-    rows: list[Row] = []
+    cup: _Cup,
+    ledger: _Ledger,
+    slit: ShellState,
+    round_: ShellState,
+    ratios: Sequence[float],
+    t_n: float,
+) -> None:
+    """Carry slit and round cup from one R/h to the next, until there is no slit."""
     starts = {"thicker": slit, "thicker round": round_}
     for ratio in ratios:
-        tables = cup.case.model_dump(mode="json")
-        tables["shape"]["radius_over_thickness"] = ratio
-        tables["contact"].pop("stiffness")
-        other = _Cup(parse_case(tables), cup.shell.surface_mesh)
-        for branch, start in starts.items():
-            found = other.at_rest(branch, start, t_n)
-            if found is not None:
-                rows.append(found[0])
+        other = _Cup(with_slenderness(cup.case, ratio), cup.shell.surface_mesh)
+        slits = 0
+        with ledger.phase(f"R/h = {ratio:g}"):
+            for branch, start in starts.items():
+                found = other.at_rest(branch, start, t_n)
+                if found is None:
+                    continue
+                ledger.add(found[0])
+                slits += found[0]["slit"]
                 if found[0]["slit"] == (branch == "thicker"):
                     starts[branch] = found[1]
-        if not any(r["slit"] for r in rows if r["radius_over_thickness"] == ratio):
+        if not slits:
             break
-    return rows
 
 
-def _found(rows: list[Row], thicker: list[Row]) -> Hysteresis:
+def _found(ledger: _Ledger) -> Hysteresis:
     """Read the ends of the region, and the equality of energies, off the rows."""
-    back = [row for row in rows if row["branch"] == "back"]
+    back = ledger.of("back")
     opens = None
     if len(back) > 1 and not back[-1]["slit"]:
         opens = (back[-1]["t_n"], back[-2]["t_n"])
     slit = {row["t_n"]: row["energy"] for row in back if row["slit"]}
-    beside = {row["t_n"]: row["energy"] for row in rows if row["branch"] == "round"}
+    beside = {row["t_n"]: row["energy"] for row in ledger.of("round")}
     equal = _crossing({t: slit[t] - beside[t] for t in slit.keys() & beside.keys()})
-    slits = {r["radius_over_thickness"]: r for r in thicker if r["branch"] == "thicker"}
-    rounds = {r["radius_over_thickness"]: r for r in thicker if r["branch"] == "thicker round"}
+    slits = {row["radius_over_thickness"]: row for row in ledger.of("thicker")}
+    rounds = {row["radius_over_thickness"]: row for row in ledger.of("thicker round")}
     kept = [ratio for ratio, row in slits.items() if row["slit"]]
     gone = [ratio for ratio, row in slits.items() if not row["slit"]]
     both = [ratio for ratio in kept if ratio in rounds and not rounds[ratio]["slit"]]
     excess = {ratio: slits[ratio]["energy"] - rounds[ratio]["energy"] for ratio in both}
     lost = (max(gone), min(kept)) if kept and gone else None
-    return Hysteresis(opens is not None, [*rows, *thicker], opens, equal, lost, _crossing(excess))
+    return Hysteresis(opens is not None, ledger.rows, opens, equal, lost, _crossing(excess))
 
 
 def _crossing(values: dict[float, float]) -> float | None:

@@ -7,7 +7,7 @@ from functools import partial
 
 from mpi4py import MPI
 
-from opticcup_fem.case import Case
+from opticcup_fem.case import Case, parse_case
 from opticcup_fem.case.checks import LAYERS, fields_of
 from opticcup_fem.equilibrium.axisymmetric import AxisymmetricStepping
 from opticcup_fem.equilibrium.branch import BranchPath, BranchStepping
@@ -118,6 +118,14 @@ def balance_laws_of(case: Case) -> dict[str, BalanceLaw]:
             None if edge_flux.is_zero else edge_flux.at,
         )
     return laws
+
+
+def with_slenderness(case: Case, ratio: float) -> Case:
+    """Return a case with another R/h; the stiffness of contact, of order (h/R)^2, goes with it."""
+    tables = case.model_dump(mode="json")
+    tables["contact"]["stiffness"] *= (case.shape.radius_over_thickness / ratio) ** 2
+    tables["shape"]["radius_over_thickness"] = ratio
+    return parse_case(tables)
 
 
 def tissue_of(case: Case) -> Tissue:

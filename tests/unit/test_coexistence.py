@@ -27,7 +27,7 @@ class Made:
         buckled = self.ratio >= 12 and (state > 0.1 or self.ratio > 14)
         width = 0.05 * self.ratio if buckled else 0.0
         energy = 100.0 - (self.ratio - 12.75 if buckled else 0.0) + t_n
-        return Form(width, energy, width, self.ratio > 13.2)
+        return Form(width, energy, width, self.ratio > 14.2, self.ratio > 13.2)
 
     def grown(self, times):
         return {t_n: self.at_rest(0.0, t_n) for t_n in times}
@@ -62,6 +62,7 @@ def test_energies_are_equal_where_the_excess_changes_its_sign(made):
     assert by_ratio[12.5]["excess"] > 0
     assert by_ratio[15.0]["excess"] is None and by_ratio[15.0]["energy_round"] is None
     assert by_ratio[11.5]["excess"] is None and by_ratio[11.5]["energy_slit"] is None
+    assert by_ratio[15.0]["slit_touches"] and not by_ratio[13.0]["slit_touches"]
     assert by_ratio[13.5]["slit_crosses_itself"] and not by_ratio[13.0]["slit_crosses_itself"]
 
 

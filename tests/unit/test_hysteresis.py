@@ -12,7 +12,9 @@ import pytest
 
 from opticcup_fem.errors import CaseError
 from opticcup_fem.plots.hysteresis import hysteresis
-from opticcup_fem.studies.hysteresis import _crossing, _found, _require
+from opticcup_fem.studies.hysteresis import TABLE, _crossing, _found, _Ledger, _require
+from opticcup_fem.studies.model import with_slenderness
+from opticcup_fem.studies.progress import Progress
 from tests.support.cups import coarse_case
 
 
@@ -41,9 +43,33 @@ THICKER = [
 ]
 
 
+def ledger(rows: list[dict], path: Path | None = None) -> _Ledger:
+    kept = _Ledger(path, Progress(1.0, shown=False))
+    for one in rows:
+        kept.add(one)
+    return kept
+
+
+def test_rows_are_in_the_table_at_once(tmp_path: Path) -> None:
+    """Whatever ends the study, what was computed is there."""
+    kept = ledger(ROWS[:2], tmp_path / TABLE)
+    assert list(pd.read_csv(tmp_path / TABLE).t_n) == [0.1, 0.2]
+    kept.add(ROWS[2])
+    assert list(pd.read_csv(tmp_path / TABLE).slit) == [False, False, True]
+
+
+def test_stiffness_goes_with_the_thickness_squared() -> None:
+    """From R/h = 15 to 10, (h/R)^2 grows 2.25 times; nothing else changes."""
+    case = coarse_case(15.0, contact={"mode": "resist", "stiffness": 2.0})
+    thicker = with_slenderness(case, 10.0)
+    assert thicker.contact.stiffness == pytest.approx(4.5)
+    assert thicker.shape.radius_over_thickness == 10.0
+    assert thicker.mesh == case.mesh and thicker.solver == case.solver
+
+
 def test_ends_and_equality_are_read_off_the_branches() -> None:
     """The slit opens after .15; its energy falls below the round cup's at .16, and at 13.33."""
-    found = _found(list(ROWS), THICKER)
+    found = _found(ledger([*ROWS, *THICKER]))
     assert found.ok and found.opens == (0.1, 0.15)
     assert found.equal == pytest.approx(0.16)
     assert found.lost == (12.0, 13.0)
@@ -53,7 +79,7 @@ def test_ends_and_equality_are_read_off_the_branches() -> None:
 
 
 def test_a_slit_that_stays_is_no_hysteresis() -> None:
-    found = _found([r for r in ROWS if r["t_n"] > 0.1], [])
+    found = _found(ledger([r for r in ROWS if r["t_n"] > 0.1]))
     assert not found.ok and found.opens is None and found.lost is None
     assert "did not become a slit" in found.message
 
