@@ -175,11 +175,12 @@ def _surface() -> list[Planned]:
 
 
 SLITS: dict[str, Any] = {
-    "ratios": [15.0, 14.0, 13.5, 13.0, 12.5, 12.0],
-    "times": [0.31, 0.34, 0.37],
-    "before": 0.27,
+    "ratios": [17.0, 16.0, 15.0, 14.0, 13.5, 13.0, 12.5, 12.0, 11.5],
+    "times": [0.31, 0.34, 0.37, 0.27, 0.22, 0.18, 0.14, 0.11],
+    "before": 0.25,
     "case": {
         "mesh": {"cell_size_cap": 0.34, "cell_size_interface": 0.12, "cell_size_oov": 0.3},
+        "contact": {"mode": "resist"},
     },
 }
 """Parameters of ``studies.coexistence``, on a mesh of 546 cells."""

@@ -36,7 +36,7 @@ FIGURES: dict[str, Entry] = {
     "fig1": Entry(("chick",), _chick("fig1")),
     "fig2": Entry(("slenderness", "shapes"), _plain(cups.slenderness_figure)),
     "fig3": Entry(("slenderness",), _plain(cups.drive_figure)),
-    "fig4": Entry(("slenderness", "angles"), _plain(diagram.phase_figure)),
+    "fig4": Entry(("slenderness", "angles", "coexistence"), _plain(diagram.phase_figure)),
     "s1": Entry(("shapes",), _plain(material.thickness_figure)),
     "s2": Entry(("chick",), _chick("s2")),
     "s3": Entry(("slenderness",), _plain(cups.apex_figure)),

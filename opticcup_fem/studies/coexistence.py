@@ -30,6 +30,7 @@ from opticcup_fem.studies.model import (
     stepping_of,
     with_slenderness,
 )
+from opticcup_fem.theory.prediction import cap_curvature_of_case
 
 ROUND = 0.1
 """Amplitude of the interface's m = 2, in R, above which a cup is a slit; slits have .4 and more,
@@ -70,19 +71,25 @@ class Pair:
     Attributes:
         ratio: R/h.
         t_n: Normalised time.
+        kappa_cap_R: Natural curvature of the cap, times R: the load axis of the phase diagram.
         slit: The buckled cup.
         round_cup: The axisymmetric cup.
     """
 
     ratio: float
     t_n: float
+    kappa_cap_R: float
     slit: Form | None
     round_cup: Form | None
 
     def row(self) -> dict[str, Any]:
         """Return the numbers that tell the two apart."""
         both = self.slit is not None and self.round_cup is not None
-        row: dict[str, Any] = {"ratio": self.ratio, "t_n": self.t_n}
+        row: dict[str, Any] = {
+            "ratio": self.ratio,
+            "t_n": self.t_n,
+            "kappa_cap_R": self.kappa_cap_R,
+        }
         for name, form in (("slit", self.slit), ("round", self.round_cup)):
             row[f"energy_{name}"] = None if form is None else form.energy
         row["m2_slit"] = None if self.slit is None else self.slit.m2
@@ -190,7 +197,7 @@ def pairs(case: Case, ratios: Sequence[float], times: Sequence[float], before: f
         case: The case, whose mesh for the slenderest R/h serves all.
         ratios: Values of R/h, the slenderest first; at the first of ``times`` its
             round cup is unstable.
-        times: Normalised times; slits lead from one to the next in this order.
+        times: Normalised times, in this order; slits lead from the nearest one before to each.
         before: A normalised time after the primary invagination at which the slenderest round
             cup is stable.
 
@@ -201,7 +208,13 @@ def pairs(case: Case, ratios: Sequence[float], times: Sequence[float], before: f
     slits = _slits(cups, ratios, times, before)
     rounds = _round_cups(cups, ratios, times)
     return [
-        Pair(ratio, t_n, slits.get((ratio, t_n)), rounds.get((ratio, t_n)))
+        Pair(
+            ratio,
+            t_n,
+            float(cap_curvature_of_case(with_slenderness(case, ratio), t_n)),
+            slits.get((ratio, t_n)),
+            rounds.get((ratio, t_n)),
+        )
         for ratio in ratios
         for t_n in times
     ]
@@ -224,15 +237,15 @@ def _slits(
     slender = cups[ratios[0]]
     start = slender.towards_slit(slender.grown([before])[before].state, before)
     for t_n in times:
+        known = [time for ratio, time in found if ratio == ratios[0]]
+        if known:
+            start = found[ratios[0], min(known, key=lambda time: abs(time - t_n))].state
         for ratio in ratios:
             form = cups[ratio].at_rest(start, t_n)
             if not form.buckled:
                 break
             found[ratio, t_n] = form
             start = form.state
-        first = found.get((ratios[0], t_n))
-        if first is not None:
-            start = first.state
     return found
 
 

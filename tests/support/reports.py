@@ -116,10 +116,12 @@ def coexistence(settings):
                 {
                     "ratio": ratio,
                     "t_n": t_n,
+                    "kappa_cap_R": ratio * (0.8 + t_n),
+                    "slit_touches": ratio > 13.2 if there else None,
                     "energy_slit": 1.3 if there else None,
                     "energy_round": 1.3 / (1 + excess) if excess is not None else None,
                     "m2_slit": 0.1 * (ratio - 8) if there else None,
-                    "slit_crosses_itself": ratio > 13.2 if there else None,
+                    "slit_crosses_itself": False if there else None,
                     "excess": excess,
                 }
             )

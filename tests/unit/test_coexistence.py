@@ -11,10 +11,11 @@ from dataclasses import dataclass
 import pytest
 
 from opticcup_fem.case import parse_case
-from opticcup_fem.diagram.coexistence import equal_energy, thickest_slit
+from opticcup_fem.diagram.coexistence import equal_energy, slices, thickest_slit
 from opticcup_fem.errors import CaseError
 from opticcup_fem.studies import coexistence
 from opticcup_fem.studies.coexistence import Form, Pair, cup_of
+from opticcup_fem.theory.prediction import cap_curvature_of_case
 
 
 @dataclass
@@ -67,7 +68,7 @@ def test_energies_are_equal_where_the_excess_changes_its_sign(made):
 
 
 def test_without_a_change_of_sign_no_energies_are_equal():
-    rows = [Pair(13.0, 0.3, None, None).row()]
+    rows = [Pair(13.0, 0.3, 6.0, None, None).row()]
     assert equal_energy(rows) is None and thickest_slit(rows) is None
     lower = [{"ratio": r, "excess": -1e-4, "energy_slit": 1.0} for r in (12.0, 13.0)]
     assert equal_energy(lower) is None and thickest_slit(lower) == 12.0
@@ -77,3 +78,26 @@ def test_a_closure_without_an_energy_is_refused():
     case = parse_case({"material": {"closure": "paper"}})
     with pytest.raises(CaseError, match="closure that has one"):
         cup_of(case, 5.0)
+
+
+def test_slices_lie_between_the_shells_with_and_without(made):
+    """The slit is gone between 12 and 11.5, the round cup between 13.5 and 15."""
+    found = slices([pair.row() for pair in made])
+    assert [one.t_n for one in found] == TIMES
+    for one in found:
+        assert (one.first, one.last) == (11.75, 14.25)
+        assert one.equal == pytest.approx(12.75)
+        case = parse_case({"shape": {"radius_over_thickness": 12.75}})
+        kappa = float(cap_curvature_of_case(case, one.t_n))
+        assert one.kappa_per_ratio * 12.75 == pytest.approx(kappa)
+
+
+def test_slices_end_with_the_shells():
+    """Cups that every shell has end with the last shell; cups that none has are nowhere."""
+    rows = [
+        {"ratio": r, "t_n": 0.2, "kappa_cap_R": r / 2, "excess": None, "energy_slit": 1.0}
+        | {"energy_round": None}
+        for r in (15.0, 12.0)
+    ]
+    (one,) = slices(rows)
+    assert (one.first, one.last, one.equal, one.kappa_per_ratio) == (12.0, None, None, 0.5)

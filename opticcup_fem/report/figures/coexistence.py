@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from opticcup_fem.diagram.coexistence import equal_energy, thickest_slit
 from opticcup_fem.plots import style
-from opticcup_fem.report.figures.base import Comparison, Drawn, Row, labelled
+from opticcup_fem.report.figures.base import Comparison, Drawn, Row, labelled, shades
 from opticcup_fem.report.results import Results
 
 ALPHA = math.radians(40)
@@ -28,7 +28,7 @@ def coexistence_figure(results: Results) -> Drawn:
     by_time = {t_n: [row for row in rows if row["t_n"] == t_n] for t_n in times}
     figure = Figure(figsize=(10.0, 4.4), layout="constrained")
     left, right = figure.subplots(1, 2)
-    for (t_n, of_time), colour in zip(by_time.items(), style.CURVES, strict=False):
+    for (t_n, of_time), colour in zip(by_time.items(), shades(len(by_time)), strict=True):
         label = f"$t_n$ = {t_n:g}"
         _draw(left, of_time, "excess", colour, label, 1e4)
         _draw(right, of_time, "m2_slit", colour, label)
@@ -55,14 +55,14 @@ def coexistence_figure(results: Results) -> Drawn:
 
 
 def _draw(
-    axes: Axes, rows: Sequence[Row], name: str, colour: str, label: str, unit: float = 1.0
+    axes: Axes, rows: Sequence[Row], name: str, colour: Any, label: str, unit: float = 1.0
 ) -> None:
-    """Draw a column over R/h; open marks are slits that pass through themselves."""
+    """Draw a column over R/h; filled marks are slits whose parts hold each other."""
     known = [row for row in sorted(rows, key=lambda r: r["ratio"]) if row[name] is not None]
     x, y = [float(row["ratio"]) for row in known], [unit * float(row[name]) for row in known]
     axes.plot(x, y, color=colour, lw=1.2, label=label)
     for row, at, value in zip(known, x, y, strict=True):
-        filled = "white" if row["slit_crosses_itself"] else colour
+        filled = colour if row["slit_touches"] else "white"
         axes.plot([at], [value], "o", color=colour, mfc=filled, ms=5)
 
 
@@ -84,7 +84,7 @@ def _keys(results: Results) -> list[Any]:
         Line2D([], [], color=style.INK, lw=0.9, ls=line, label=label)
         for _, line, label in _boundaries(results)
     ]
-    marks = ((style.INK, "free of self-crossing"), ("white", "passes through itself"))
+    marks = ((style.INK, "touches itself"), ("white", "free of contact"))
     return keys + [
         Line2D([], [], ls="none", marker="o", ms=5, color=style.INK, mfc=fill, label=label)
         for fill, label in marks
@@ -96,8 +96,7 @@ def _theta(ratio: float | None) -> float | None:
 
 
 def _summary(t_n: float, rows: Sequence[Row]) -> dict[str, Any]:
-    free = [row for row in rows if not row["slit_crosses_itself"]]
-    equal, first = equal_energy(free), thickest_slit(rows)
+    equal, first = equal_energy(rows), thickest_slit(rows)
     rounds = [float(row["ratio"]) for row in rows if row["energy_round"] is not None]
     return {
         "t_n": t_n,
@@ -106,8 +105,8 @@ def _summary(t_n: float, rows: Sequence[Row]) -> dict[str, Any]:
         "equal energy at R/h": equal,
         "theta_bar, equal energy": _theta(equal),
         "round cup stable up to R/h": max(rounds, default=None),
-        "largest energy gain of a free slit": min(
-            (float(row["excess"]) for row in free if row["excess"] is not None), default=None
+        "largest energy gain of a slit": min(
+            (float(row["excess"]) for row in rows if row["excess"] is not None), default=None
         ),
     }
 
@@ -120,8 +119,8 @@ def _text(settings: dict[str, Any], summary: pd.DataFrame) -> list[str]:
         f"{settings['ratios'][0]:g} are followed to thicker shells on the surface model, both cups "
         f"on one mesh of {settings['mesh']}. (a) Energy of the slit relative to the round cup's: "
         "below zero the round cup is stable against small disturbances only. (b) Width of the "
-        "slit; a curve ends where the slit opens into the round cup. Contact is not resisted here: "
-        "open marks pass through themselves and are no equilibria of a tissue.",
+        "slit; a curve ends where the slit opens into the round cup. Contact is resisted: slits "
+        "with filled marks touch themselves.",
     ]
     equal = summary["equal energy at R/h"].dropna()
     first = summary["slit found down to R/h"].dropna()

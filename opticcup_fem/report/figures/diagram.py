@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from opticcup_fem.diagram.bisection import Bracket
+from opticcup_fem.diagram.coexistence import Slice, slices
 from opticcup_fem.diagram.fits import LawFits, Line, fit_laws, transition
 from opticcup_fem.diagram.regimes import regime
 from opticcup_fem.plots import style
@@ -162,6 +163,8 @@ def phase_figure(results: Results) -> Drawn:
     left.grid(False)
     left.text(0.98, 0.03, r"$\alpha = 40°$", transform=left.transAxes, ha="right")
     _mark_transitions(left, results, 40.0)
+    (beside,) = results.sets["coexistence"]
+    _draw_coexistence(left, slices(beside.pairs), math.radians(40.0))
     _legend(left)
     _draw_transitions(right, results, angles, fits, together)
     others = [a for a in angles if a != 40.0]
@@ -186,7 +189,10 @@ def phase_figure(results: Results) -> Drawn:
         "vertical: theta_s and theta_b by bisection. Where the blue region reaches the top neither "
         "second event comes up to t_n = 1: the apex no longer descends a second time. Squares on "
         "the lowest line are cups so slender that the primary invagination itself throws them out "
-        "of symmetry; (5) is fitted without them.",
+        "of symmetry; (5) is fitted without them. Dotted area in (a): a slit whose rims hold each "
+        "other, found on the surface model with contact resisted, is stable beside the round cup; "
+        "on the dash-dotted line both have the same energy. Its ends are half-way between two cups "
+        "that were computed (section on cups side by side).",
     ]
     shown = {
         "Fitted coefficients, 95 % confidence intervals": tables["fig4_fits"],
@@ -211,6 +217,24 @@ def _mark_transitions(axes: Axes, results: Results, angle: float) -> None:
         )  # fmt: skip
 
 
+def _draw_coexistence(axes: Axes, known: Sequence[Slice], alpha: float) -> None:
+    """Hatch where slit and round cup are both stable; draw where their energies are equal."""
+
+    def at(one: Slice, ratio: float) -> tuple[float, float]:
+        return alpha * math.sqrt(ratio), one.kappa_per_ratio * ratio
+
+    left = [at(one, one.first) for one in known if one.first and one.last]
+    right = [at(one, one.last) for one in known if one.first and one.last]
+    limits = axes.get_xlim(), axes.get_ylim()
+    if len(left) > 1:
+        x, y = np.array(left + right[::-1]).T
+        axes.fill(x, y, facecolor="none", edgecolor=style.INK, lw=0.5, hatch="....", alpha=0.55)
+    equal = np.array([at(one, one.equal) for one in known if one.equal]).reshape(-1, 2)
+    axes.plot(*equal.T, "-.", color=style.INK, lw=1.4, marker=".", ms=4)
+    axes.set_xlim(*limits[0])
+    axes.set_ylim(*limits[1])
+
+
 def _legend(axes: Axes) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
@@ -220,6 +244,10 @@ def _legend(axes: Axes) -> None:
         handles.append(Patch(facecolor=colour, edgecolor=style.REFERENCE, lw=0.6, label=name))
     for line, label in (("-", "laws, fitted here"), ("--", "laws, paper's coefficients")):
         handles.append(Line2D([], [], color=style.INK, ls=line, lw=1.0, label=label))
+    both = "slit and round cup both stable"
+    handles.append(Patch(fc="white", ec=style.INK, lw=0.5, hatch="....", label=both))
+    equal = "their energies are equal"
+    handles.append(Line2D([], [], color=style.INK, ls="-.", lw=1.4, marker=".", ms=4, label=equal))
     axes.legend(
         handles=handles, loc="upper left", bbox_to_anchor=(0.02, 0.94), frameon=True,
         facecolor="white", edgecolor="white", framealpha=0.85,
