@@ -154,7 +154,7 @@ class Mass(_Table):
     iov: LayerMass = Field(default=LayerMass(), description="of the IOV")
     oov: LayerMass = Field(default=LayerMass(), description="of the OOV")
     tolerance: float = Field(
-        default=1e-6, gt=0, lt=1e-3, description="change of e that ends the iteration of a step"
+        default=1e-5, gt=0, lt=1e-3, description="change of e that ends the iteration of a step"
     )
 
 

@@ -214,6 +214,8 @@ class Continuation:
         monitor: Called at every Newton iteration.
         settle: Called with (x, t) of a solution; returns whether that has changed the equations, so
             that the iteration has to go on.  It may raise ``Inadmissible``.
+        loose: Newton step, in arc length, of an iterate good enough to be settled first; the
+            iteration is carried to its end once that changes nothing more.
     """
 
     problem: ContinuationProblem
@@ -221,6 +223,7 @@ class Continuation:
     ending: Ending | None = None
     monitor: Callable[[], None] | None = None
     settle: Callable[[Array, float], bool] | None = None
+    loose: float = 0.0
 
     def solve_at(self, x: Array, t: float) -> PathState | None:
         """Return the solution at a fixed load near ``x``, None if Newton's method fails."""
@@ -374,6 +377,7 @@ class Continuation:
     ) -> _Attempt:
         """Solve F = 0 on the plane <row, x - x_0> + entry (t - t_0) = 0."""
         iteration, left, turns, direct = 0, self.control.iterations, 0, 0
+        enough = max(self.loose, self.control.tolerance)
         while left > 0:
             iteration, left = iteration + 1, left - 1
             value = self.problem.inner(row, x_0 - x) + entry * (t_0 - t)
@@ -390,7 +394,7 @@ class Continuation:
             x, t = x + step.x, t + step.t
             if self.monitor is not None:
                 self.monitor()
-            if length <= self.control.tolerance:
+            if length <= enough:
                 try:
                     changed = self.settle is not None and self.settle(x, t)
                 except Inadmissible as cause:
@@ -399,6 +403,9 @@ class Continuation:
                 if changed:
                     turns += 1
                     left = self.control.iterations if turns < MOST_TURNS else 0
+                    continue
+                if length > self.control.tolerance:
+                    left, enough = self.control.iterations, self.control.tolerance
                     continue
                 state = PathState(
                     t, x, x, 0.0, arc, iteration, linear.residual, turns=iteration - direct

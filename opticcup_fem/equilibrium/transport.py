@@ -64,14 +64,10 @@ class SurfaceFlux(SurfaceTransport):
         self._vector.ghostUpdate(PETSc.InsertMode.ADD, PETSc.ScatterMode.REVERSE)
         return self._vector.array_r.copy()
 
-    def solve(self, matrices: Array, right: Array) -> Array:
+    def solve(self, matrices: Array | None, right: Array) -> Array:
         """See ``balance.FluxSystem``."""
-        matrix, add = self._matrix, PETSc.InsertMode.ADD_VALUES
-        matrix.zeroEntries()
-        matrix.setValuesLocalRCV(self._rows, self._rows, np.ascontiguousarray(matrices), addv=add)
-        for row in self._unused:  # nodes without the layer
-            matrix.setValue(row, row, 1.0, addv=add)
-        matrix.assemble()
+        if matrices is not None:
+            self._assemble(np.ascontiguousarray(matrices))
         solution = self._vector.duplicate()
         solution.array[:] = self._assembled(right)
         self._ksp.solve(solution, solution)
@@ -80,9 +76,18 @@ class SurfaceFlux(SurfaceTransport):
         with self._vector.localForm() as local:
             return np.asarray(local.array_r[self._rows])
 
+    def _assemble(self, matrices: Array) -> None:
+        """Assemble the system from those of the cells (collective)."""
+        matrix, add = self._matrix, PETSc.InsertMode.ADD_VALUES
+        matrix.zeroEntries()
+        matrix.setValuesLocalRCV(self._rows, self._rows, matrices, addv=add)
+        for row in self._unused:  # nodes without the layer
+            matrix.setValue(row, row, 1.0, addv=add)
+        matrix.assemble()
+
 
 def surface_balance(
-    shell: Shell, laws: Mapping[str, BalanceLaw], tolerance: float = 1e-6
+    shell: Shell, laws: Mapping[str, BalanceLaw], tolerance: float = 1e-5
 ) -> MassBalance:
     """Let layers of an ungrown shell grow by their mass balance from now on (collective).
 

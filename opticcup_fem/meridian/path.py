@@ -19,6 +19,9 @@ from opticcup_fem.meridian.transport import commit, settle
 from opticcup_fem.meridian.waves import Spectrum, Waves
 from opticcup_fem.shell.fibres import LostFibre
 
+LOOSE = 1e-3
+"""Newton step, in arc length, to which a state is solved that growth with flux is yet to follow."""
+
 LOWEST = -0.1
 """A deeply inverted cap may pass through t_n < 0, as one that stays inverted without growth does;
 the laws of growth go on to there."""
@@ -84,8 +87,13 @@ class MeridianPath:
             control: Steps along the path.
         """
         self.problem, self.waves = MeridianProblem(shell), waves
-        settles = None if shell.balance is None else self.problem.settle
-        self.continuation = Continuation(self.problem, control or ArcControl(), settle=settles)
+        balance = shell.balance
+        self.continuation = Continuation(
+            self.problem,
+            control or ArcControl(),
+            settle=None if balance is None else self.problem.settle,
+            loose=LOOSE if balance is not None and balance.has_flux else 0.0,
+        )
         self._accepted = 0
         self._last: MeridianState | None = None
         self._first_stiffness = 0.0

@@ -12,6 +12,7 @@ import basix.ufl
 import numpy as np
 import ufl
 from numpy.typing import NDArray
+from scipy import linalg
 
 from opticcup_fem.errors import CaseError
 from opticcup_fem.meridian.shell import MeridianShell, MeridianState
@@ -83,14 +84,16 @@ class MeridianFlux(CellIntegrals):
                 loads[cell, end] += length * one
         return loads
 
-    def solve(self, matrices: Array, right: Array) -> Array:
+    def solve(self, matrices: Array | None, right: Array) -> Array:
         """See ``balance.FluxSystem``."""
         n = 2 * self._size
-        whole = np.zeros((n, n))
-        np.add.at(whole, (self._rows[:, :, None], self._rows[:, None, :]), matrices)
+        if matrices is not None:
+            whole = np.zeros((n, n))
+            np.add.at(whole, (self._rows[:, :, None], self._rows[:, None, :]), matrices)
+            self._factors = linalg.lu_factor(whole)
         vector = np.zeros(n)
         np.add.at(vector, self._rows, right)
-        return np.asarray(np.linalg.solve(whole, vector)[self._rows])
+        return np.asarray(linalg.lu_solve(self._factors, vector)[self._rows])
 
 
 def meridian_sites(shell: MeridianShell, layer: str) -> LayerSites:
@@ -163,7 +166,7 @@ def layer_geometry(
 
 
 def meridian_balance(
-    shell: MeridianShell, laws: Mapping[str, BalanceLaw], tolerance: float = 1e-6
+    shell: MeridianShell, laws: Mapping[str, BalanceLaw], tolerance: float = 1e-5
 ) -> MassBalance:
     """Let layers of a meridian grow by their mass balance from now on.
 

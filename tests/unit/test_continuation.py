@@ -144,3 +144,39 @@ def test_control_refuses_steps_out_of_order(steps: tuple[float, float, float]) -
     smallest, initial, largest = steps
     with pytest.raises(ValueError, match="in this order"):
         ArcControl(smallest=smallest, initial=initial, largest=largest)
+
+
+class Coupled(Cubic):
+    """The cubic with an offset of the load that follows x, .1 x, but only when it is settled."""
+
+    def __init__(self) -> None:
+        """Begin without an offset."""
+        super().__init__()
+        self.offset, self.solves = 0.0, 0
+
+    def load(self, x: float) -> float:
+        return super().load(x) + self.offset
+
+    def linearise(self, x: Array, t: float) -> DenseLinearised:
+        self.solves += 1
+        return super().linearise(x, t)
+
+    def settle(self, x: Array, t: float) -> bool:
+        change = abs(0.1 * x[0] - self.offset)
+        self.offset = 0.1 * x[0] if change > 1e-7 else self.offset
+        return change > 1e-7
+
+
+def test_loose_solves_save_iterations_and_change_no_solution() -> None:
+    """What is settled beside a path is settled as well; the solution is carried to its end."""
+    found = {}
+    for loose in (0.0, 1e-3):
+        problem = Coupled()
+        one = Continuation(problem, CONTROL, settle=problem.settle, loose=loose)
+        state = one.solve_at(np.array([-1.7]), 1.0)
+        assert state is not None
+        assert abs(problem.load(state.x[0]) - 1.0) < 1e-12
+        assert abs(problem.offset - 0.1 * state.x[0]) < 1e-7
+        found[loose] = (state.x[0], problem.solves)
+    assert found[1e-3][0] == pytest.approx(found[0.0][0], abs=1e-7)
+    assert found[1e-3][1] < found[0.0][1]
