@@ -55,6 +55,10 @@ class Barrier:
         self._listed: Floats | None = None
         self._near = ipctk.Candidates()
 
+    def forget(self) -> None:
+        """Drop the list, whose order changes results by rounding: what begins here repeats."""
+        self._at = self._listed = None
+
     def _reaches(self, vertices: Floats) -> bool:
         """Return whether the list holds for these positions."""
         if self._listed is None:

@@ -149,6 +149,7 @@ class Contact:
             before: A state in which nothing touches.
             after: The other end of the way.
         """
+        self._begin()
         goal = replace(after, contact=replace(self._present(after), touches=False))
         start, end = self._of(before), self._of(goal)
         clear = True
@@ -254,6 +255,11 @@ class Contact:
 
     # --- ways to a state ----------------------------------------------------------------------
 
+    def _begin(self) -> None:
+        """Let a way depend on its ends alone, so that a resumed run repeats what it left."""
+        if self.barrier is not None:
+            self.barrier.forget()
+
     def reachable(self, before: ShellState, guess: ShellState) -> tuple[ShellState, float]:
         """Return the farthest safe state on the way to a guess, and its share (collective).
 
@@ -261,6 +267,7 @@ class Contact:
         towards where they stand at the present t_n.  The share 1 is the guess itself.
         """
         assert before.contact is not None
+        self._begin()
         arrived = replace(before.contact, time=self.shell.t_n)
         if self.shell.evaluate(guess, tangent=False)[1] is None:
             arrived = self._present(guess)

@@ -193,6 +193,7 @@ class MixedNewton:
         problem, contact = self.problem, self.problem.contact
         if contact is None:
             return self._solve(state, drag)
+        problem.forget_contacts()
         before = problem.with_contact(state if before is None else before)
         state = replace(state, contact=before.contact)
         spent = 0

@@ -98,6 +98,7 @@ class Problem:
         self.matrix.setLGMap(self._map, self._map)
         self.matrix.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
         self._far: sparse.csr_array | None = None
+        self._has_old_contacts = False
         self._preallocate()
         if self.symmetric:
             self.matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
@@ -324,6 +325,15 @@ class Problem:
                     return
                 wanted = union
         self._far = wanted
+        self._renew_pattern()
+
+    def forget_contacts(self) -> None:
+        """Let the tangent's pattern, and with it rounding, depend on contacts to come alone."""
+        self._has_old_contacts = self._has_old_contacts or self._far is not None
+        self._far = None
+
+    def _renew_pattern(self) -> None:
+        self._has_old_contacts = False
         self._preallocate()
         # a new pattern needs a new factor, which needs its settings
         self.ksp.reset()
@@ -341,6 +351,8 @@ class Problem:
         """
         if far is not None:
             self._make_room(far)
+        elif self._has_old_contacts and self._far is None:
+            self._renew_pattern()
         self._assemble(self.matrix, cells.hessian, far)
         if self._springs is not None:
             self.add_diagonal(self._springs, 1.0)
