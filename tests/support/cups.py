@@ -24,7 +24,7 @@ def coarse_case(
 
 
 BETWEEN_PLATES = coarse_case(
-    t_end=0.012,
+    t_end=0.008,
     contact={
         "mode": "resist",
         "obstacles": [
@@ -32,7 +32,7 @@ BETWEEN_PLATES = coarse_case(
             {"kind": "plate", "centre": [0.0, 0.0, 1.145]},
         ],
     },
-    output={"times": [0.012]},
+    output={"times": [0.008]},
 )
 """Grows until it touches two plates, one of which moves; touches after its second state."""
 
