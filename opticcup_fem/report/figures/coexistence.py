@@ -33,7 +33,7 @@ def coexistence_figure(results: Results) -> Drawn:
         _draw(left, of_time, "excess", colour, label, 1e4)
         _draw(right, of_time, "m2_slit", colour, label)
     left.axhline(0, color=style.REFERENCE, lw=0.9)
-    labelled(left, "$R/h$", r"slit's energy over the round cup's, $10^4\,(E_s/E_r - 1)$", "a")
+    labelled(left, "$R/h$", r"energy, slit over round: $10^4\,(E_s/E_r - 1)$", "a")
     labelled(right, "$R/h$", "amplitude of the slit, $m = 2$ of the interface, $R$", "b")
     right.set_ylim(bottom=0)
     slenderest = max(float(row["ratio"]) for row in rows)
