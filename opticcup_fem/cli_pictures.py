@@ -18,6 +18,7 @@ RunPaths = Annotated[
 Stretch = Annotated[bool, typer.Option("--lambda3", help="Colour by thickness stretch.")]
 Stress = Annotated[bool, typer.Option("--stress", help="Colour by mean in-plane Cauchy stress.")]
 Contact = Annotated[bool, typer.Option("--contact", help="Colour by the force of contact.")]
+Density = Annotated[bool, typer.Option("--density", help="Colour by density (mass balance).")]
 Layers = Annotated[bool, typer.Option("--layers", help="Colour by layer: the default.")]
 Cut = Annotated[
     bool | None,
@@ -35,6 +36,7 @@ def movie(
     lambda3: Stretch = False,
     stress: Stress = False,
     contact: Contact = False,
+    density: Density = False,
     cut: Cut = None,
     turntable: Annotated[bool, typer.Option("--turntable", help="Go once round the cup.")] = False,
     fps: Annotated[int, typer.Option(metavar="N", help="Frames a second.")] = 25,
@@ -48,7 +50,7 @@ def movie(
     Needs the states that a run keeps (output.states). Time goes on at a
     constant rate in t_n; jumps are shown slowly, and marked: their shapes are no equilibria.
     """
-    quantity = _quantity(layers, lambda3=lambda3, stress=stress, contact=contact)
+    quantity = _quantity(layers, lambda3=lambda3, stress=stress, contact=contact, density=density)
 
     def draw() -> Path:
         from opticcup_fem.plots.movie import Look
@@ -78,6 +80,7 @@ def view(
     lambda3: Stretch = False,
     stress: Stress = False,
     contact: Contact = False,
+    density: Density = False,
     whole: Annotated[bool, typer.Option("--whole", help="Cut nothing out.")] = False,
 ) -> None:
     """Write an interactive page of a run.
@@ -85,7 +88,7 @@ def view(
     One file for any browser, without a server or a network: turn the cup, scrub through t_n.
     Needs the states that a run keeps (output.states).
     """
-    quantity = _quantity(layers, lambda3=lambda3, stress=stress, contact=contact)
+    quantity = _quantity(layers, lambda3=lambda3, stress=stress, contact=contact, density=density)
 
     def draw() -> Path:
         from opticcup_fem.plots.view import view as make
@@ -127,9 +130,8 @@ def _quantity(layers: bool, **quantities: bool) -> str | None:
     chosen = [name for name, asked in quantities.items() if asked]
     with errors_as_one_line():
         if layers + len(chosen) > 1:
-            raise CaseError(
-                "--layers, --lambda3, --stress and --contact exclude each other: give one"
-            )
+            options = ", ".join(f"--{name}" for name in ("layers", *quantities))
+            raise CaseError(f"{options} exclude each other: give one")
     return chosen[0] if chosen else None
 
 

@@ -94,6 +94,8 @@ def _put_state(file: h5py.File, snapshot: Snapshot) -> None:
     file["position"] = snapshot.position
     if snapshot.contact_traction is not None:
         file.create_dataset("contact_traction", data=snapshot.contact_traction, **_SMALL)
+    for name, values in snapshot.growth.items():
+        file.create_dataset(f"growth/{name}", data=values, **_SMALL)
     normal = _normals(snapshot)
     for region, layers in snapshot.layers.items():
         cells = snapshot.cells_of(region)
@@ -178,6 +180,7 @@ class States(Sequence[Snapshot]):
             traction = None
             if "contact_traction" in file:
                 traction = file["contact_traction"][:].astype(float)
+            growth = {name: part[:].astype(float) for name, part in file.get("growth", {}).items()}
             heights = {region: file[f"heights/{region}"][:].astype(float) for region in layers}
             fields = {
                 name: {
@@ -208,6 +211,7 @@ class States(Sequence[Snapshot]):
             stress=spread["stress"],
             faces=faces,
             contact_traction=traction,
+            growth=growth,
             **mesh,
         )
 

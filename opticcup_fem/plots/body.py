@@ -17,7 +17,7 @@ from opticcup_fem.snapshot import Floats, Integers, Snapshot, lagrange_basis
 
 Triangles = NDArray[np.int32]
 
-QUANTITIES = ("lambda3", "stress", "contact")
+QUANTITIES = ("lambda3", "stress", "contact", "density")
 """What layers can be coloured by."""
 
 
@@ -43,12 +43,16 @@ def in_plane_stress(stress: Floats) -> Floats:
 def _coloured(snapshot: Snapshot, quantity: str, layer: str) -> Floats:
     """Return a quantity in a layer at the nodes of the cells, shape (m, 10).
 
-    That of contact is the size of its force per reference area, nought where none is known.
+    That of contact is the size of its force per reference area, nought where none is known; the
+    density is NaN in layers without a mass balance.
     """
     if quantity == "lambda3":
         return snapshot.thickness_stretch[layer]
     if quantity == "stress":
         return in_plane_stress(snapshot.stress[layer])
+    if quantity == "density":
+        unknown = np.full(snapshot.cells.shape, np.nan)
+        return snapshot.growth.get(f"rho_{layer}", unknown)
     if snapshot.contact_traction is None:
         return np.zeros(snapshot.cells.shape)
     size: Floats = np.linalg.norm(snapshot.contact_traction, axis=1)[snapshot.cells]

@@ -104,6 +104,9 @@ class Playback:
             return value(moment, lambda k: shapes[k].faces[region])
 
         def colour(layer: str) -> Floats:
+            first = shapes[0].values[layer]
+            if not np.isfinite(first).all():  # a layer of which the quantity is not known
+                return first
             return value(moment, lambda k: shapes[k].values[layer])
 
         faces = {region: face(region) for region in shapes[0].faces}
@@ -120,11 +123,18 @@ def load_playbacks(run_dirs: Sequence[str | Path], quantity: str | None) -> list
     """Read the runs of a movie or page.
 
     Raises:
-        CaseError: A folder cannot be shown, or the quantity is not known.
+        CaseError: A folder cannot be shown, or the quantity is not known, or not in a run.
     """
     if quantity is not None and quantity not in QUANTITIES:
         raise CaseError(f"{quantity}: layers can be coloured by {', '.join(QUANTITIES)}")
-    return [Playback(run_dir) for run_dir in run_dirs]
+    playbacks = [Playback(run_dir) for run_dir in run_dirs]
+    for run_dir, playback in zip(run_dirs, playbacks, strict=True):
+        if quantity == "density" and not playback.states[0].growth:
+            raise CaseError(
+                f"{run_dir} has no density to colour by: no layer of it grows by a mass balance "
+                "([mass] in its case)"
+            )
+    return playbacks
 
 
 def _title(run_dir: Path) -> str:

@@ -8,11 +8,15 @@ from matplotlib.colors import Colormap, Normalize, SymLogNorm
 
 from opticcup_fem.snapshot import Floats
 
-COLOUR_MAPS = {"lambda3": "viridis", "stress": "RdBu_r", "contact": "YlOrRd"}
+COLOUR_MAPS = {"lambda3": "viridis", "stress": "RdBu_r", "contact": "YlOrRd", "density": "cividis"}
+
+UNKNOWN = "#d9d9d9"
+"""Where a quantity is not known."""
 
 COLOUR_LABELS = {
     "lambda3": r"thickness stretch $\lambda_3$",
     "stress": r"mean in-plane stress / $\mu_\mathrm{IOV}$",
+    "density": r"density $\rho/\rho_0$",
     "contact": r"contact force per reference area / $\mu_\mathrm{IOV}$",
 }
 
@@ -32,9 +36,8 @@ def colour_scale(quantity: str, values: Iterable[Mapping[str, Floats]]) -> Norma
         largest = max((float(v.max()) for state in values for v in state.values()), default=0.0)
         largest = max(largest, 1e-3)
         return SymLogNorm(linthresh=largest / 100, vmin=0.0, vmax=largest, base=10)
-    limits = np.array(
-        [np.nanpercentile(v, [1, 99]) for state in values for v in state.values() if v.size]
-    )
+    known = [v[np.isfinite(v)] for state in values for v in state.values()]
+    limits = np.array([np.percentile(v, [1, 99]) for v in known if v.size])
     low, high = float(limits[:, 0].min()), float(limits[:, 1].max())
     if quantity == "stress":
         largest = max(abs(low), abs(high), 2.0)
@@ -44,4 +47,4 @@ def colour_scale(quantity: str, values: Iterable[Mapping[str, Floats]]) -> Norma
 
 def colour_map(quantity: str) -> Colormap:
     """Return the colours of a quantity."""
-    return mpl.colormaps[COLOUR_MAPS[quantity]]
+    return mpl.colormaps[COLOUR_MAPS[quantity]].with_extremes(bad=UNKNOWN)

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_hex
 
 from opticcup_fem.case import case_to_toml, parse_case
 from opticcup_fem.errors import CaseError
@@ -23,7 +24,7 @@ from opticcup_fem.plots.encoder import Encoder
 from opticcup_fem.plots.movie import Look, captions, movie
 from opticcup_fem.plots.pair import pair
 from opticcup_fem.plots.playback import Playback
-from opticcup_fem.plots.scene_colours import colour_scale
+from opticcup_fem.plots.scene_colours import UNKNOWN, colour_map, colour_scale
 from opticcup_fem.plots.timeline import frames
 from opticcup_fem.plots.view import view
 from opticcup_fem.records import RunFolder
@@ -128,6 +129,20 @@ def test_values_of_layers_are_on_the_grid(sphere: Snapshot) -> None:
     grid = BodyGrid(sphere, quantity="contact")
     assert all(np.allclose(v, 5.0) for v in grid(pushed).values.values())
     assert all(not v.any() for v in grid(sphere).values.values())
+
+
+def test_density_is_grey_where_it_is_not_known(sphere: Snapshot) -> None:
+    """Of layers with a balance the values, of others none; the scale is that of what is known."""
+    rho = np.linspace(0.5, 2.0, len(sphere.cells))[:, None] + 0 * sphere.cells
+    rho[sphere.cells_of("oov")] = np.nan
+    grid = BodyGrid(sphere, quantity="density")
+    values = grid(replace(sphere, growth={"rho_iov": rho})).values
+    assert np.isfinite(values["iov"]).all() and np.ptp(values["iov"]) > 0
+    assert np.isnan(values["ecm"]).all() and np.isnan(values["oov"]).all()
+    scale = colour_scale("density", [values])
+    assert values["iov"].min() <= scale.vmin < scale.vmax <= values["iov"].max()
+    painted = colour_map("density")(scale(values["oov"].ravel()[:1]))[0, :3]
+    assert to_hex(painted) == UNKNOWN
 
 
 def test_colours_of_stress_tell_its_sign() -> None:
@@ -259,6 +274,7 @@ def test_pages_keep_both_ends_of_jumps(run_dir: Path, tmp_path: Path) -> None:
         (lambda run: view(run, "page.pdf"), "must end in .html"),
         (lambda run: view(run, run / "path.csv" / "page.html"), "cannot write there"),
         (lambda run: view(run, quantity="strain"), "lambda3, stress"),
+        (lambda run: view(run, quantity="density"), "has no density to colour by"),
         (lambda run: pair([run, run], "pair.jpg"), "must end in .png"),
         (lambda run: pair([run], "pair.png"), "not 1"),
     ],

@@ -68,6 +68,17 @@ def test_what_is_read_is_what_was_written(tmp_path: Path, states: list[Snapshot]
         found[2]
 
 
+def test_growth_is_kept_where_it_is_balanced(tmp_path: Path, states: list[Snapshot]) -> None:
+    """Density and growth factor of a layer, NaN outside of it; nothing where none is balanced."""
+    rho = np.linspace(0.5, 2.0, states[1].cells.size).reshape(states[1].cells.shape)
+    rho[0] = np.nan
+    grown = replace(states[1], growth={"rho_iov": rho, "e_iov": 2 * rho})
+    read = States(written(tmp_path, [states[0], grown]))
+    assert read[0].growth == {}
+    np.testing.assert_allclose(read[1].growth["rho_iov"], rho, rtol=1e-6)
+    np.testing.assert_allclose(read[1].growth["e_iov"], 2 * rho, rtol=1e-6)
+
+
 def test_contact_is_kept_where_it_is_resisted(tmp_path: Path, states: list[Snapshot]) -> None:
     """Single precision, in the order of the nodes, also when these are put into another order."""
     force = np.random.default_rng(5).normal(size=states[1].position.shape)
