@@ -114,6 +114,22 @@ def test_mass_that_spreads(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     assert np.isnan(fields["rho_iov"]).any() and np.nanmin(fields["rho_iov"]) > 0.9
 
 
+@pytest.mark.slow
+def test_mass_that_spreads_through_a_snap(tmp_path: Path) -> None:
+    """R/h = 10 snaps at its first invagination; the balance is closed across it all the same."""
+    steep = {"source": "10/(1 + 5*t_n)*rho*(1.4 - theta)", "diffusivity": 0.05}
+    case = with_mass(coarse_case(10.0, t_end=0.07, output={"times": [0.07]}), iov=steep)
+    assert cup.run(case, tmp_path, quiet=True).ok
+    rows = read_path(tmp_path)
+    assert rows["jump"].sum() == 1
+    jump = int(np.argmax(rows["jump"]))
+    assert rows["D_over_r"].iloc[jump] - rows["D_over_r"].iloc[jump - 1] > 0.1
+    assert rows["mass_error_iov"].max() < 1e-10
+    assert (rows["rho_iov_max"] - rows["rho_iov_min"]).iloc[-1] > 0.01
+    event = read_events(tmp_path)[0]
+    assert event["kind"] == "primary_invagination" and event["type"] == "fold"
+
+
 def test_source_that_takes_all_mass_ends_the_run_with_a_sentence(tmp_path: Path) -> None:
     """dM/dt = -20 J with J near 1: nothing is left near t_n = 0.05."""
     steps = {"initial_step": 0.02, "min_step": 2e-3}

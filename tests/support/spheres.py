@@ -1,4 +1,4 @@
-"""Closed spheres of one layer whose mass balance is solved."""
+"""Spheres of one layer, closed or open, whose mass balance is solved."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ import numpy as np
 
 from opticcup_fem.equilibrium.transport import surface_balance
 from opticcup_fem.meridian.mesh import Grading, MeridianMesh
-from opticcup_fem.meridian.profile import ClosedSphere
+from opticcup_fem.meridian.profile import ClosedSphere, OpenCap
 from opticcup_fem.meridian.shell import MeridianShell
 from opticcup_fem.meridian.transport import meridian_balance
-from opticcup_fem.mesh import cup_mesh
+from opticcup_fem.mesh import cup_mesh, open_cap_mesh
 from opticcup_fem.shell.balance import BalanceLaw, Geometry, LayerBalance, MassBalance
 from opticcup_fem.shell.growth import LinearGrowth
 from opticcup_fem.shell.model import Shell
@@ -75,3 +75,15 @@ def meridian_sphere(law: BalanceLaw, size: float) -> Sphere:
     mesh = MeridianMesh(ClosedSphere(math.radians(60)), grading)
     shell = MeridianShell(mesh, {"cap": WALL, "oov": WALL}, LAWS)
     return Sphere(meridian_balance(shell, {"wall": law}))
+
+
+def surface_cap(law: BalanceLaw, size: float) -> Sphere:
+    """A triangulated cap of 60 degrees with an edge."""
+    mesh = open_cap_mesh(math.radians(60), size, size, comm=MPI.COMM_SELF)
+    return Sphere(surface_balance(Shell(mesh, {"cap": WALL}, LAWS), {"wall": law}))
+
+
+def meridian_cap(law: BalanceLaw, size: float) -> Sphere:
+    """A meridian of a cap of 60 degrees with an edge."""
+    mesh = MeridianMesh(OpenCap(math.radians(60)), Grading(size, at_interface=size, at_rim=size))
+    return Sphere(meridian_balance(MeridianShell(mesh, {"cap": WALL}, LAWS), {"wall": law}))

@@ -13,7 +13,13 @@ from opticcup_fem.errors import UnbalancedLayer
 from opticcup_fem.shell.balance import BalanceLaw, Geometry, root_of_metric
 from opticcup_fem.stimulus import GROWTH, NO_MASS
 from tests.support.shells import rate_of
-from tests.support.spheres import Sphere, meridian_sphere, surface_sphere
+from tests.support.spheres import (
+    Sphere,
+    meridian_cap,
+    meridian_sphere,
+    surface_cap,
+    surface_sphere,
+)
 
 D = 0.3
 DIFFUSION = BalanceLaw(NO_MASS, lambda t_n, points, rho: 0 * rho, lambda t_n, points: D)
@@ -91,6 +97,32 @@ def test_harmonics_decay_at_their_rates(model, degree, request):
     exact = 1 + wave * np.exp(-degree * (degree + 1) * D * 0.2)
     assert np.sqrt(np.mean((found - exact) ** 2)) < (1e-4 if model == "surface" else 2e-6)
     assert np.abs(found - 1 - wave).max() > 100 * np.abs(found - exact).max()
+
+
+@pytest.mark.parametrize(
+    ("model", "size", "bound"), [(surface_cap, 0.3, 2e-4), (meridian_cap, 0.15, 2e-6)]
+)
+def test_what_leaves_through_the_edge(model, size, bound):
+    """Source S and q = S tan(alpha/2) keep the mass of a cap; rho becomes (2 S/D) ln cos(theta/2).
+
+    That solves D Lap rho + S = 0 with -D rho' = q at the edge, up to the mean.
+    """
+    S, alpha = 0.5, np.radians(60)
+    law = BalanceLaw(
+        NO_MASS,
+        lambda t_n, points, rho: S + 0 * rho,
+        lambda t_n, points: D,
+        lambda t_n, places: S * np.tan(alpha / 2) + 0 * places[:, 0],
+    )
+    cap = model(law, size)
+    before = cap.layer.sites.total(np.ones(len(cap.x)))
+    cap.begin(np.ones(len(cap.x)))
+    found = cap.advance(20.0, 40)
+    assert cap.layer.sites.total(found) == pytest.approx(before, rel=bound)
+    shape = 2 * S / D * np.log(np.cos(np.arccos(cap.x[:, 2]) / 2))
+    mean = cap.layer.sites.total(shape) / before
+    np.testing.assert_allclose(found, 1 + shape - mean, atol=20 * bound)
+    assert np.ptp(shape) > 0.4
 
 
 @pytest.mark.parametrize(
