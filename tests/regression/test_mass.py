@@ -10,6 +10,7 @@ from opticcup_fem.case import parse_case
 from opticcup_fem.errors import CaseError, InterruptedRun
 from opticcup_fem.records import read_events, read_path
 from opticcup_fem.studies import cup, meridian
+from opticcup_fem.studies.sweep.meridian_tasks import cup as meridian_cup
 from tests.regression.test_restart import require_same_run
 from tests.support.cups import coarse_case
 from tests.support.interrupted import stop_after
@@ -72,6 +73,16 @@ def test_uniform_source_is_prescribed_growth_on_the_meridian(tmp_path: Path) -> 
 
 
 @pytest.mark.slow
+def test_sweeps_know_the_curvature_of_grown_caps() -> None:
+    """The row of a cup by its balance is that of the cup with prescribed growth."""
+    data = MERIDIAN | {"run": MERIDIAN["run"] | {"t_end": 0.12}}
+    one = meridian_cup(data)["row"]
+    two = meridian_cup(data | {"mass": {"iov": {"source": UNIFORM}}})["row"]
+    assert one["kappa_1"] is not None
+    assert two["kappa_1"] == pytest.approx(one["kappa_1"], abs=1e-3)
+    assert two["t_1"] == pytest.approx(one["t_1"], abs=2e-5)
+
+
 @pytest.mark.parametrize("ratio", [5.0, 10.0])
 def test_uniform_source_is_prescribed_growth_through_folds(tmp_path: Path, ratio: float) -> None:
     """Whole paths of the meridian, back in time behind a limit point."""

@@ -20,6 +20,7 @@ import pytest
 
 from opticcup_fem.case import parse_case
 from opticcup_fem.errors import CaseError
+from opticcup_fem.events import event
 from opticcup_fem.studies.sweep import cache as caching
 from opticcup_fem.studies.sweep.bar import Bar
 from opticcup_fem.studies.sweep.cache import ResultCache, Task
@@ -281,20 +282,14 @@ def test_values_on_the_followed_part_are_those_before_a_fall():
 def test_rows_hold_events_rotation_and_values():
     case = parse_case({"run": {"t_end": 0.3}, "output": {"times": [0.25, 0.3]}})
     events = [
-        {
-            "kind": "symmetry_breaking",
-            "type": "bifurcation",
-            "t_n": 0.1,
-            "wavenumber": 1,
-            "early": 1,
-        },
-        {"kind": "primary_invagination", "type": "fold", "t_n": 0.2},
-        {"kind": "symmetry_breaking", "type": "bifurcation", "t_n": 0.25, "wavenumber": 2},
-        {"kind": "closure_breakdown", "type": "loss of ellipticity", "t_n": 0.28},
+        event("symmetry_breaking", "bifurcation", 0.1, 2.0, wavenumber=1, early=1),
+        event("primary_invagination", "fold", 0.2, 3.65),
+        event("symmetry_breaking", "bifurcation", 0.25, 4.2, wavenumber=2),
+        event("closure_breakdown", "loss of ellipticity", 0.28, 4.5),
     ]
     row = summary_row(case, PATH, events)
     assert (row["t_1"], row["type_1"], row["t_2"]) == (0.2, "fold", None)
-    assert row["kappa_1"] == pytest.approx(5 * 0.7306, rel=1e-3)
+    assert (row["kappa_1"], row["kappa_b"]) == (3.65, 4.2)
     assert row["delta_theta_1"] == pytest.approx(np.radians(40) - 0.4)
     assert (row["t_b"], row["m_b"], row["t_early"], row["m_early"]) == (0.25, 2, 0.1, 1)
     assert row["delta_theta_b"] == pytest.approx(np.radians(40) + 0.25)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -21,14 +21,15 @@ from opticcup_fem.meridian.observables import CupObserver
 from opticcup_fem.meridian.path import MeridianPath, MeridianPoint
 from opticcup_fem.meridian.profile import Disc
 from opticcup_fem.meridian.shell import MeridianShell
+from opticcup_fem.meridian.transport import balance_columns
 from opticcup_fem.meridian.waves import Waves
 from opticcup_fem.shell.growth import LinearGrowth
 from opticcup_fem.shell.section import Layer, Section
+from opticcup_fem.studies.curvature import cap_curvature_of_run
 from opticcup_fem.studies.meridian import shell_of
 from opticcup_fem.studies.sweep.losses import Loss, first_loss
 from opticcup_fem.studies.sweep.rows import COLUMNS, summary_row
 from opticcup_fem.theory import natural_curvature
-from opticcup_fem.theory.prediction import cap_curvature_of_case
 
 Record = dict[str, Any]
 
@@ -51,30 +52,34 @@ def cup(parameters: Mapping[str, Any]) -> Record:
     rows: list[dict[str, Any]] = []
     events: list[Event] = []
     elliptic = True
+
+    def kappa(t_n: float) -> float:
+        return cap_curvature_of_run(case, rows, t_n)
+
     for point in path.follow(case.run.t_end, case.output.times):
+        here = {"t_n": point.t_n} | balance_columns(shell, point.state, point.t_n)
+        here["kappa_cap_R"] = cap_curvature_of_run(case, [*rows, here], point.t_n)
         if point.followed and self_crossing(shell, point.state) is not None:
-            events.append(event("self_contact", "mid-surface", point.t_n, _kappa(case, point.t_n)))
+            events.append(event("self_contact", "mid-surface", point.t_n, here["kappa_cap_R"]))
             break
         points.append(point)
         rows.append(
-            {"t_n": point.t_n, "kappa_cap_R": _kappa(case, point.t_n)}
+            here
             | observe(point.state, point.t_n)
             | {"jump": point.jump, "followed": point.followed}
         )
         if elliptic and point.followed and ellipticity(shell, point.state, point.t_n).value <= 0:
             elliptic = False
             kind = ("closure_breakdown", "loss of ellipticity")
-            events.append(event(*kind, point.t_n, _kappa(case, point.t_n)))
+            events.append(event(*kind, point.t_n, kappa(point.t_n)))
     failure = None if events and events[-1]["kind"] == "self_contact" else path.failure()
     if isinstance(failure, ClosureBreakdown) and failure.t_n is not None:
         kind = ("closure_breakdown", failure.closure)
-        events.append(event(*kind, failure.t_n, _kappa(case, failure.t_n)))
+        events.append(event(*kind, failure.t_n, kappa(failure.t_n)))
     invaginations = [
-        one
-        for one in path_events(path, points, rows, [], lambda t_n: _kappa(case, t_n))
-        if one.get("followed", True)
+        one for one in path_events(path, points, rows, [], kappa) if one.get("followed", True)
     ]
-    events += invaginations + _losses(case, path, points, invaginations)
+    events += invaginations + _losses(case, path, points, invaginations, kappa)
     columns = (*COLUMNS, "followed", "jump")
     table = {name: [row[name] for row in rows] for name in columns}
     table["limit_point"] = [point.path.is_fold for point in points]
@@ -159,12 +164,12 @@ def plate(parameters: Mapping[str, Any]) -> Record:
     return {"row": row, "reason": None if failure is None else str(failure)}
 
 
-def _kappa(case: Case, t_n: float) -> float:
-    return float(cap_curvature_of_case(case, np.float64(t_n)))
-
-
 def _losses(
-    case: Case, path: MeridianPath, points: list[MeridianPoint], invaginations: list[Event]
+    case: Case,
+    path: MeridianPath,
+    points: list[MeridianPoint],
+    invaginations: list[Event],
+    kappa: Callable[[float], float],
 ) -> list[Event]:
     """Return the first loss of symmetry before the primary invagination and that after it."""
     waves = Waves(path.problem.shell, tuple(range(1, case.run.max_wavenumber + 1)))
@@ -172,14 +177,13 @@ def _losses(
     first = first_loss(path, points, waves)
     found: list[Event] = []
     if first is not None and primary and first.t_n <= primary[0]:
-        found.append(_loss_event(case, first) | {"early": True})
+        found.append(_loss_event(first, kappa(first.t_n)) | {"early": True})
         first = first_loss(path, points, waves, after=primary[0])
     if first is not None:
-        found.append(_loss_event(case, first))
+        found.append(_loss_event(first, kappa(first.t_n)))
     return found
 
 
-def _loss_event(case: Case, loss: Loss) -> Event:
+def _loss_event(loss: Loss, kappa: float) -> Event:
     kind_type = "jump" if loss.by_jump else "bifurcation"
-    kappa = _kappa(case, loss.t_n)
     return event("symmetry_breaking", kind_type, loss.t_n, kappa, wavenumber=loss.wavenumber)

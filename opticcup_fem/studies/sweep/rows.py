@@ -9,7 +9,6 @@ import numpy as np
 
 from opticcup_fem.case import Case
 from opticcup_fem.events import Event
-from opticcup_fem.theory.prediction import cap_curvature_of_case
 
 COLUMNS = (
     "t_n",
@@ -117,8 +116,7 @@ def _event_columns(case: Case, path: Path, one: Event | None, suffix: str) -> Ro
     t_n = float(one["t_n"])
     angle = value_at(path, t_n, "tangent_angle_interface")
     turned = None if angle is None else case.shape.opening_angle - angle
-    kappa = float(cap_curvature_of_case(case, np.float64(t_n)))
-    values = (t_n, one["type"], kappa, turned)
+    values = (t_n, one["type"], float(one["kappa_cap_R"]), turned)
     columns |= {f"{name}_{suffix}": value for name, value in zip(names, values, strict=True)}
     if suffix == "b":
         columns["m_b"] = one.get("wavenumber")
