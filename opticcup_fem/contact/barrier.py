@@ -130,9 +130,11 @@ class Barrier:
         """
         # the toolkit's default method takes minutes over edges that move in parallel planes
         method = ipctk.AdditiveCCD()
-        mesh, near = self.surface.mesh, self._candidates(start)
-        if apart <= self.distance and self._reaches(end):
-            return near.compute_collision_free_stepsize(mesh, start, end, apart, method)
+        mesh, farthest = self.surface.mesh, np.linalg.norm(end - start, axis=1).max()
+        if apart <= self.distance and farthest <= ROOM * self.distance:
+            near = self._candidates(start)
+            if self._reaches(end):
+                return near.compute_collision_free_stepsize(mesh, start, end, apart, method)
         return ipctk.compute_collision_free_stepsize(
             mesh, start, end, apart, narrow_phase_ccd=method
         )

@@ -89,6 +89,8 @@ class Contact:
         self.shell, self.settings = shell, settings
         self.comm, self.has_obstacles = shell.comm, len(obstacles) > 0
         self.gather = NodeGather(shell.spaces)
+        self._placed: tuple[ShellState, Array] | None = None
+        self._pushed: tuple[ShellState, Array | None] | None = None
         reference = self.gather.to_root(shell.reference)
         orientation = self.gather.cell_values(shell.spaces.orientation)
         gradient = self.gather.cell_values(shell.spaces.gradient_operator(NODES))
@@ -165,8 +167,11 @@ class Contact:
         return self.barrier.surface.vertices(self.faces.places(nodes, heights), data.time)
 
     def _of(self, state: ShellState) -> Array:
-        assert state.contact is not None
-        return self._vertices(state.contact, state.r)
+        """Return the vertices of a state, those of the last one asked for at once (collective)."""
+        if self._placed is None or self._placed[0] is not state:
+            assert state.contact is not None
+            self._placed = state, self._vertices(state.contact, state.r)
+        return self._placed[1]
 
     def energy(self, state: ShellState) -> float:
         """Return the energy of the barrier (collective)."""
@@ -180,9 +185,11 @@ class Contact:
             Shape (2, n_nodes, 3), the inner face first; None on other ranks and where nothing
             touches.
         """
-        vertices = self._of(state)
-        slope = self.barrier.gradient(vertices) if self.barrier else None
-        return None if slope is None else -slope
+        if self._pushed is None or self._pushed[0] is not state:
+            vertices = self._of(state)
+            slope = self.barrier.gradient(vertices) if self.barrier else None
+            self._pushed = state, None if slope is None else -slope
+        return self._pushed[1]
 
     def gradient(self, state: ShellState) -> Array | None:
         """Return dE_c/dr at the rank's nodes, None where nothing touches (collective)."""
