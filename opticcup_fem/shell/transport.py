@@ -50,7 +50,7 @@ class TransportForms:
             dx: Their measure, with the quadrature of the shell.
             gradient: Components of the gradient of a scalar in the cells' frames.
         """
-        cell = element.cell.cellname()
+        cell = element.cell_type.name
         degree = dx.metadata()["quadrature_degree"]
 
         def at_points(shape: tuple[int, ...]) -> ufl.Coefficient:

@@ -1,5 +1,6 @@
 """The time series of a run folder as ParaView's own reader (VTK) sees them."""
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -29,4 +30,6 @@ def read_series(folder: Path, name: str) -> dict[float, pyvista.UnstructuredGrid
 
 def area(grid: pyvista.UnstructuredGrid) -> float:
     """Return the area of the middle surface as VTK draws it, with curved cells."""
-    return float(grid.extract_surface(nonlinear_subdivision=3).area)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # PyVista announces another default
+        return float(grid.extract_surface(nonlinear_subdivision=3).area)
