@@ -139,12 +139,18 @@ def _loss_of_symmetry(rows: Sequence[Row], threshold: float) -> int | None:
     """Return the first row that is no longer axisymmetric, None if all are.
 
     An imperfect mesh bends slightly out of symmetry before a subcritical bifurcation throws the
-    shell far away from it.  The event is then the throw, not the bending before it.
+    shell far away from it.  The event is then the throw, not the bending before it.  A fall of the
+    apex that carries such a bend a little over the threshold is no loss of symmetry either: one
+    after it counts from `_THROWN` times the asymmetry that it left.
     """
     asymmetry = [float(row.get("asymmetry", 0.0)) for row in rows]
     first = next((i for i, value in enumerate(asymmetry) if value > threshold), None)
     if first is None:
         return None
+    fell = first > 0 and rows[first].get("jump", False) and _drops(rows, first)
+    carried = _THROWN * asymmetry[first - 1] if fell else 0.0
+    if asymmetry[first] <= min(carried, _BENT * threshold):
+        return _loss_of_symmetry(rows, _THROWN * asymmetry[first])
     for i in range(max(first, 1), len(rows)):
         if asymmetry[i - 1] > _BENT * threshold:
             return first

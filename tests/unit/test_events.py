@@ -161,6 +161,24 @@ def test_an_imperfect_mesh_does_not_advance_the_loss_of_symmetry(
     assert found["t_n_range"] == pytest.approx([t[at - 1], t[at]])
 
 
+def test_a_fall_that_carries_a_bent_cup_over_the_threshold_keeps_its_symmetry() -> None:
+    """The fall is a fold, unless it throws the cup; a later growth by ten is the loss."""
+    t = np.linspace(0, 0.5, 6)
+    height = np.where(t > 0.25, 1.0, 1.5) + t
+    jump = [k == 3 for k in range(6)]
+    depth = {"D_over_r": 0.5}
+
+    def kinds(asymmetry: list[float]) -> list[tuple[str, str]]:
+        rows = descending(t, height, asymmetry=asymmetry, jump=jump)
+        return [(e["kind"], e["type"]) for e in detect_events([row | depth for row in rows])]
+
+    fold = ("primary_invagination", "fold")
+    assert kinds([1e-8, 5e-6, 6e-5, 1.5e-4, 2e-4, 1e-4]) == [fold]
+    assert kinds([1e-8, 5e-6, 6e-5, 1.5e-4, 1e-3, 3e-3]) == [fold, ("symmetry_breaking", "smooth")]
+    assert kinds([1e-8, 5e-6, 6e-5, 1e-3, 1e-3, 1e-3]) == [("symmetry_breaking", "jump")]
+    assert kinds([1e-8, 5e-6, 1.5e-4, 2e-4, 2e-4, 1e-4]) == [("symmetry_breaking", "smooth")]
+
+
 def test_asymmetry_below_the_threshold_is_the_mesh() -> None:
     """Rows below the threshold are axisymmetric; a lower threshold finds them."""
     rows = [row | {"asymmetry": 5e-5} for row in rows_of(10)]
