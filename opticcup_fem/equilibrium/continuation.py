@@ -214,8 +214,9 @@ class Continuation:
         monitor: Called at every Newton iteration.
         settle: Called with (x, t) of a solution; returns whether that has changed the equations, so
             that the iteration has to go on.  It may raise ``Inadmissible``.
-        loose: Newton step, in arc length, of an iterate good enough to be settled first; the
-            iteration is carried to its end once that changes nothing more.
+        loose: Where it is larger than zero, a guess is settled before it is iterated, and an
+            iterate whose Newton step, in arc length, is no longer is settled at once; the
+            iteration is carried to its end when that changes nothing more.
     """
 
     problem: ContinuationProblem
@@ -378,6 +379,11 @@ class Continuation:
         """Solve F = 0 on the plane <row, x - x_0> + entry (t - t_0) = 0."""
         iteration, left, turns, direct = 0, self.control.iterations, 0, 0
         enough = max(self.loose, self.control.tolerance)
+        if self.loose and self.settle is not None:  # the equations follow the solution: begin near
+            try:
+                self.settle(x, t)
+            except Inadmissible as cause:
+                return _Attempt(None, iteration, cause)
         while left > 0:
             iteration, left = iteration + 1, left - 1
             value = self.problem.inner(row, x_0 - x) + entry * (t_0 - t)

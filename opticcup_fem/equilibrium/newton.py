@@ -78,7 +78,8 @@ class Solution:
         state: Last iterate; an equilibrium only where ``converged``.
         converged: Whether the residual fell below the tolerance.
         reason: PETSc's name of the reason, or "LOST_FIBRE" where no admissible step exists.
-        iterations: Newton iterations, each one factorisation.
+        iterations: Newton iterations, each one factorisation, but for the first of a turn in which
+            the deformation follows growth with flux.
         residual: Final residual norm.
         lost: The fibre that allowed no step, and its place, where that was the reason.
         best: The iterate with the smallest residual, None where none was admissible.
@@ -118,6 +119,7 @@ class MixedNewton:
         self.problem, self.wandering = problem, wandering
         self.tolerance, self.max_iterations = tolerance, max_iterations
         self._target = tolerance
+        self._follows_growth = self._has_tangent = False
         self.monitor: Callable[[int, float], None] | None = None
         self._residual = problem.vector.duplicate()
         self._x = problem.vector.duplicate()
@@ -157,7 +159,8 @@ class MixedNewton:
                 way on which nothing touches.
 
         Where layers grow by their mass balance, growth and deformation are solved for in turn until
-        neither changes the other; with flux, the deformation loosely until growth has settled.
+        neither changes the other; with flux, the deformation loosely until growth has settled,
+        each turn beginning with the tangent of the one before.
 
         Returns:
             The outcome; a failure is a value, not an exception.
@@ -168,15 +171,17 @@ class MixedNewton:
         balance = self.problem.shell.balance
         coupled = balance is not None and balance.has_flux and drag is None
         self._target = max(LOOSE, self.tolerance) if coupled else self.tolerance
+        self._follows_growth = self._has_tangent = False
         solution = self._solve_at_growth(state, drag, before)
         spent, balanced = solution.iterations, solution
+        self._follows_growth = coupled
         for _ in range(MOST_TURNS):
             if drag is not None or not balanced.converged:
                 return replace(balanced, iterations=spent, turns=spent - solution.iterations)
             if not self._settle(balanced.state):
                 if self._target == self.tolerance:
                     return replace(balanced, iterations=spent, turns=spent - solution.iterations)
-                self._target = self.tolerance
+                self._target, self._follows_growth = self.tolerance, False
             balanced = self._solve_at_growth(balanced.state, None, before)
             spent += balanced.iterations
         return replace(balanced, converged=False, reason="MASS_NOT_SETTLED", iterations=spent)
@@ -285,6 +290,9 @@ class MixedNewton:
         self, snes: PETSc.SNES, x: PETSc.Vec, matrix: PETSc.Mat, preconditioner: PETSc.Mat
     ) -> None:
         assert self._cells is not None
+        if self._follows_growth and self._has_tangent and snes.getIterationNumber() == 0:
+            return  # that of the last turn is near enough for one step
+        self._has_tangent = True
         self.problem.assemble_tangent(self._cells, self.problem.contact_stiffness(self._state))
         if self._drag is not None:
             self.problem.add_diagonal(self._drag.mass, self._drag.rate)

@@ -51,6 +51,9 @@ DEPTH = 5
 MIXED_NEAR = 1e-3
 """Times this near share what is added to the growth of a trial."""
 
+SAME_TURN = 1e-6
+"""Times this near, among which a continuation closes in on one, are those of one acceleration."""
+
 CONVERGED = 1e-12
 """Relative change of M or rho that ends Newton's method."""
 
@@ -325,6 +328,7 @@ class LayerBalance:
         n = flux.basis.shape[-1]
         rho = np.ones((2, len(sites.cells), n)) if nodal is None else np.stack([nodal, nodal])
         factorised: Array = np.full((2, len(mass)), np.inf)
+        size = np.inf
         for _ in range(MOST_ITERATIONS):
             at_points = [self._at_points(one) for one in rho]
             sources = [self._source(t, x) for t, x in zip(times, at_points, strict=True)]
@@ -346,7 +350,10 @@ class LayerBalance:
             finite = np.isfinite(right).all(axis=1)
             self._require(np.repeat(finite, sites.n_points), span[1], "has no solution")
             slope = np.stack([one for _, one in sources])
-            steady = self._largest(slope - factorised) <= SAME_SLOPE
+            bend = self._largest(slope - factorised)
+            if dt * bend * size < CONVERGED:  # what the last Newton step has left
+                break
+            steady = bend <= SAME_SLOPE
             factorised = factorised if steady else slope
             change = flux.solve(None if steady else np.concatenate(rows, axis=1), right)
             rho = rho - np.stack([change[:, :n], change[:, n:]])
@@ -549,23 +556,25 @@ class MassBalance:
         if t_n <= self.t_n + SAME_TIME:
             return False
         names = list(self.layers)
+        comm = self.layers[names[0]].sites.comm
         used = np.concatenate([self.mass_at(name, t_n) for name in names])
         before = [self._factor(name, t_n) for name in names]
-        mixing = self._mixing if self._mixing is not None and self._mixing.t_n == t_n else None
+        mixing = self._mixing
+        if mixing is None or abs(t_n - mixing.t_n) > SAME_TURN:
+            mixing = Mixing(t_n, comm)
         self._solve(t_n, geometry)
         after = [self._factor(name, t_n) for name in names]
         mine = max(
             float(np.max(np.abs(a - b), initial=0.0)) for a, b in zip(after, before, strict=True)
         )
-        comm = self.layers[names[0]].sites.comm
         if comm.allreduce(mine, MPI.MAX) <= self.tolerance:
             return False
-        self._mixing = mixing or Mixing(t_n, comm)
+        self._mixing, mixing.t_n = mixing, t_n
         found = np.concatenate([self.mass_at(name, t_n) for name in names])
         ends = np.cumsum([len(self.mass[name]) for name in names])[:-1]
-        mixed = np.split(self._mixing(used, found), ends)
+        mixed = np.split(mixing(used, found), ends)
         if comm.allreduce(min(float(one.min(initial=1.0)) for one in mixed), MPI.MIN) > 0:
-            self._mixing.given = dict(zip(names, mixed, strict=True))
+            mixing.given = dict(zip(names, mixed, strict=True))
         return True
 
     def _factor(self, name: str, t_n: float) -> Array:
