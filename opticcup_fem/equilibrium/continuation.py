@@ -379,44 +379,37 @@ class Continuation:
         """Solve F = 0 on the plane <row, x - x_0> + entry (t - t_0) = 0."""
         iteration, left, turns, direct = 0, self.control.iterations, 0, 0
         enough = max(self.loose, self.control.tolerance)
-        if self.loose and self.settle is not None:  # the equations follow the solution: begin near
-            try:
+        try:
+            if self.loose and self.settle is not None:  # equations follow the solution: begin near
                 self.settle(x, t)
-            except Inadmissible as cause:
-                return _Attempt(None, iteration, cause)
-        while left > 0:
-            iteration, left = iteration + 1, left - 1
-            value = self.problem.inner(row, x_0 - x) + entry * (t_0 - t)
-            try:
+            while left > 0:
+                iteration, left = iteration + 1, left - 1
+                value = self.problem.inner(row, x_0 - x) + entry * (t_0 - t)
                 linear = self.problem.linearise(x, t)
                 step, tangent = linear.bordered(row, entry, value)
-            except Inadmissible as cause:
-                return _Attempt(None, iteration, cause)
-            except np.linalg.LinAlgError:
-                return _Attempt(None, iteration)
-            length = self._length(step)
-            if not length < FARTHEST:
-                return _Attempt(None, iteration)
-            x, t = x + step.x, t + step.t
-            if self.monitor is not None:
-                self.monitor()
-            if length <= enough:
-                try:
-                    changed = self.settle is not None and self.settle(x, t)
-                except Inadmissible as cause:
-                    return _Attempt(None, iteration, cause)
+                length = self._length(step)
+                if not length < FARTHEST:
+                    break
+                x, t = x + step.x, t + step.t
+                if self.monitor is not None:
+                    self.monitor()
+                if length > enough:
+                    continue
+                changed = self.settle is not None and self.settle(x, t)
                 direct = direct or iteration
                 if changed:
                     turns += 1
                     left = self.control.iterations if turns < MOST_TURNS else 0
-                    continue
-                if length > self.control.tolerance:
+                elif length > self.control.tolerance:
                     left, enough = self.control.iterations, self.control.tolerance
-                    continue
-                state = PathState(
-                    t, x, x, 0.0, arc, iteration, linear.residual, turns=iteration - direct
-                )
-                return _Attempt(self._with_tangent(state, tangent), iteration)
+                else:
+                    after = iteration - direct
+                    state = PathState(t, x, x, 0.0, arc, iteration, linear.residual, turns=after)
+                    return _Attempt(self._with_tangent(state, tangent), iteration)
+        except Inadmissible as cause:
+            return _Attempt(None, iteration, cause)
+        except np.linalg.LinAlgError:
+            pass
         return _Attempt(None, iteration)
 
     # --- points between two steps -------------------------------------------------------------

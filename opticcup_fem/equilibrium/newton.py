@@ -119,7 +119,7 @@ class MixedNewton:
         self.problem, self.wandering = problem, wandering
         self.tolerance, self.max_iterations = tolerance, max_iterations
         self._target = tolerance
-        self._follows_growth = self._has_tangent = False
+        self._keeps_tangent = False
         self.monitor: Callable[[int, float], None] | None = None
         self._residual = problem.vector.duplicate()
         self._x = problem.vector.duplicate()
@@ -171,17 +171,17 @@ class MixedNewton:
         balance = self.problem.shell.balance
         coupled = balance is not None and balance.has_flux and drag is None
         self._target = max(LOOSE, self.tolerance) if coupled else self.tolerance
-        self._follows_growth = self._has_tangent = False
+        self._keeps_tangent = False
         solution = self._solve_at_growth(state, drag, before)
         spent, balanced = solution.iterations, solution
-        self._follows_growth = coupled
         for _ in range(MOST_TURNS):
             if drag is not None or not balanced.converged:
                 return replace(balanced, iterations=spent, turns=spent - solution.iterations)
             if not self._settle(balanced.state):
                 if self._target == self.tolerance:
                     return replace(balanced, iterations=spent, turns=spent - solution.iterations)
-                self._target, self._follows_growth = self.tolerance, False
+                self._target = self.tolerance
+            self._keeps_tangent = spent > 0 and self._target > self.tolerance
             balanced = self._solve_at_growth(balanced.state, None, before)
             spent += balanced.iterations
         return replace(balanced, converged=False, reason="MASS_NOT_SETTLED", iterations=spent)
@@ -290,9 +290,8 @@ class MixedNewton:
         self, snes: PETSc.SNES, x: PETSc.Vec, matrix: PETSc.Mat, preconditioner: PETSc.Mat
     ) -> None:
         assert self._cells is not None
-        if self._follows_growth and self._has_tangent and snes.getIterationNumber() == 0:
+        if self._keeps_tangent and snes.getIterationNumber() == 0:
             return  # that of the last turn is near enough for one step
-        self._has_tangent = True
         self.problem.assemble_tangent(self._cells, self.problem.contact_stiffness(self._state))
         if self._drag is not None:
             self.problem.add_diagonal(self._drag.mass, self._drag.rate)
