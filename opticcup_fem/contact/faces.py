@@ -47,9 +47,8 @@ def face_heights(shell: Shell, state: ShellState, gather: NodeGather) -> Floats:
         Inner and outer face, at all nodes on rank 0, shape (n, 2); elsewhere no node.
     """
     heights = np.empty((shell.spaces.n_cells, shell.spaces.nodes.shape[1], 2))
-    for region in shell.sections:
-        cells = shell.region_cells(region)
-        heights[cells] = layer_heights(shell, state, region)[..., [0, -1]]
+    for region, faces in layer_heights(shell, state).items():
+        heights[shell.region_cells(region)] = faces[..., [0, -1]]
     together = gather.cell_values(heights)
     n_nodes = int(gather.cells.max()) + 1 if len(gather.cells) else 0
     return nodal_means(together, gather.cells, n_nodes)

@@ -151,12 +151,11 @@ class Contact:
             before: A state in which nothing touches.
             after: The other end of the way.
         """
-        self._begin()
         goal = replace(after, contact=replace(self._present(after), touches=False))
         start, end = self._of(before), self._of(goal)
         clear = True
         if self.barrier is not None:
-            clear = self.barrier.free_fraction(start, end, self.barrier.distance) >= 1.0
+            clear = self.barrier.stays_apart(start, end)
         return goal if self.comm.bcast(clear) else None
 
     def _vertices(self, data: ContactData, r: Array) -> Array:

@@ -10,7 +10,9 @@ always "near".  Parts nearer than a given distance in the reference surface neve
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Sequence
+from functools import reduce
 
 import ipctk
 import numpy as np
@@ -82,20 +84,25 @@ class ContactSurface:
         can touch its inner face with its outer.
         """
         n, obstacles = self.n_face, len(self._rigid.vertices)
-        allowed = ipctk.make_static_obstacle_filter(2 * n)
         _, count = np.unique(
             np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1),
             axis=0,
             return_counts=True,
         )
         closed = bool((count == 2).all())
+        apart = ipctk.make_sparse_filter(
+            _neighbours(rest, triangles, exempt, across=not closed), True
+        )
+        rules = [apart]
         if closed:
             side = np.repeat([0, 1, 2], [n, n, obstacles]).astype(np.int32)
-            body = np.repeat([0, 1], [2 * n, obstacles]).astype(np.int32)
             same_side = ~ipctk.make_vertex_patches_filter(side)
-            allowed = allowed & (same_side | ipctk.make_vertex_patches_filter(body))
-        pairs = _neighbours(rest, triangles, exempt, across=not closed)
-        return allowed & ipctk.make_sparse_filter(pairs, True)
+            body = np.repeat([0, 1], [2 * n, obstacles]).astype(np.int32)
+            of_obstacle = ipctk.make_vertex_patches_filter(body)
+            rules.insert(0, same_side | of_obstacle if obstacles else same_side)
+        if obstacles:
+            rules.insert(0, ipctk.make_static_obstacle_filter(2 * n))
+        return reduce(operator.and_, rules)
 
     def vertices(self, faces: Floats, time: float = 0.0) -> Floats:
         """Return the places of all vertices, shape (n_vertices, 3), in Fortran's order.

@@ -272,31 +272,41 @@ class _Part(NamedTuple):
     faces: dict[str, Array]
 
 
-def layer_heights(
-    shell: Shell, state: ShellState, region: str, fields: dict[str, LayerFields] | None = None
-) -> Array:
-    """Return the heights of the layer faces over the mid-surface at the nodes of a region's cells.
+def layer_heights(shell: Shell, state: ShellState) -> dict[str, Array]:
+    """Return the heights of the layer faces over the mid-surface at the nodes of the cells.
 
     A face that lies at xi at rest lies at the integral of the layers' mean lambda_3 from 0 to xi.
+    They are those of ``layer_fields``, without the stresses, which cost more.
 
     Args:
         shell: The shell, at the growth that ``state`` belongs to.
         state: The state.
-        region: Name of a region.
-        fields: Its layers' fields, where they are known already.
 
     Returns:
-        Innermost face first, shape (n_cells, n_nodes, n_layers + 1).
+        For each region, innermost face first, shape (n_cells, n_nodes, n_layers + 1).
     """
-    fields = fields or layer_fields(shell, state, region)
-    section = shell.sections[region]
-    stretches = [fields[layer.name].thickness_stretch for layer in section.layers]
-    factors = [fields[layer.name].thickness for layer in section.layers]
-    return section.face_heights(stretches, factors)
+    forms, to_nodes = shell.forms_at_points(state), _quadratic_fit(shell).T
+    heights = {}
+    for region, section in shell.sections.items():
+        cells, growth = shell.region_cells(region), shell.growth[region]
+        means = closures.mean_stretches(
+            shell.closure,
+            section,
+            growth,
+            forms[cells].reshape(-1, 6),
+            shell.a_ref[cells].reshape(-1, 3),
+            shell.surface_mesh.surface.curvature,
+        )
+        shape = (len(cells), forms.shape[1])
+        stretches = [means[layer.name].reshape(shape) @ to_nodes for layer in section.layers]
+        at_rest = [np.broadcast_to(one.thickness, shape[0] * shape[1]) for one in growth]
+        factors = [factor.reshape(shape) @ to_nodes for factor in at_rest]
+        heights[region] = section.face_heights(stretches, factors)
+    return heights
 
 
 def layer_faces(
-    shell: Shell, state: ShellState, region: str, fields: dict[str, LayerFields] | None = None
+    shell: Shell, state: ShellState, region: str, fields: dict[str, LayerFields]
 ) -> Array:
     """Return the places of the layer faces at the nodes of a region's cells.
 
@@ -304,12 +314,15 @@ def layer_faces(
         shell: The shell, at the growth that ``state`` belongs to.
         state: The state.
         region: Name of a region.
-        fields: Its layers' fields, where they are known already.
+        fields: Its layers' fields.
 
     Returns:
         Innermost face first, shape (n_cells, n_nodes, n_layers + 1, 3).
     """
-    heights = layer_heights(shell, state, region, fields)
+    layers = [fields[layer.name] for layer in shell.sections[region].layers]
+    heights = shell.sections[region].face_heights(
+        [one.thickness_stretch for one in layers], [one.thickness for one in layers]
+    )
     spaces, cells = shell.spaces, shell.region_cells(region)
     nodes = spaces.nodes[cells]
     base = np.einsum("cqna,cni->cqai", spaces.gradient_operator(NODES)[cells], state.r[nodes])
