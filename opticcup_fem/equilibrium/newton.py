@@ -46,6 +46,9 @@ of contact knows nothing of the pairs that a long step would meet."""
 MOST_RENEWALS = 30
 """Solves for one state while faces and obstacles are brought up to date."""
 
+CONTACT_AHEAD = "CONTACT_AHEAD"
+"""Reason of a solve that was not begun: contact stops the way to its first iterate too early."""
+
 
 MOST_TURNS = 20
 """Solves for one state while growth by mass balance is brought up to date."""
@@ -77,7 +80,8 @@ class Solution:
     Attributes:
         state: Last iterate; an equilibrium only where ``converged``.
         converged: Whether the residual fell below the tolerance.
-        reason: PETSc's name of the reason, or "LOST_FIBRE" where no admissible step exists.
+        reason: PETSc's name of the reason, "LOST_FIBRE" where no admissible step exists, or
+            ``CONTACT_AHEAD``.
         iterations: Newton iterations, each one factorisation, but for the first of a turn in which
             the deformation follows growth with flux.
         residual: Final residual norm.
@@ -147,7 +151,11 @@ class MixedNewton:
         return snes
 
     def solve(
-        self, state: ShellState, drag: Drag | None = None, before: ShellState | None = None
+        self,
+        state: ShellState,
+        drag: Drag | None = None,
+        before: ShellState | None = None,
+        least_way: float = 0.0,
     ) -> Solution:
         """Solve for equilibrium at the shell's present growth, starting at ``state`` (collective).
 
@@ -157,6 +165,8 @@ class MixedNewton:
             before: An equilibrium from which ``state`` was guessed.  Where contact is resisted, the
                 solution is one that can be reached from there, and no contact is evaluated on a
                 way on which nothing touches.
+            least_way: Share of the way from ``before`` that must be free, where contact is
+                evaluated, for a solve to be begun.
 
         Where layers grow by their mass balance, growth and deformation are solved for in turn until
         neither changes the other; with flux, the deformation loosely until growth has settled,
@@ -172,7 +182,7 @@ class MixedNewton:
         coupled = balance is not None and balance.has_flux and drag is None
         self._target = max(LOOSE, self.tolerance) if coupled else self.tolerance
         self._keeps_tangent = False
-        solution = self._solve_at_growth(state, drag, before)
+        solution = self._solve_at_growth(state, drag, before, least_way)
         spent, balanced = solution.iterations, solution
         for _ in range(MOST_TURNS):
             if drag is not None or not balanced.converged:
@@ -192,7 +202,11 @@ class MixedNewton:
         return shell.balance is not None and settle(shell, state)
 
     def _solve_at_growth(
-        self, state: ShellState, drag: Drag | None, before: ShellState | None
+        self,
+        state: ShellState,
+        drag: Drag | None,
+        before: ShellState | None,
+        least_way: float = 0.0,
     ) -> Solution:
         """Solve for equilibrium with the growth as it is (collective)."""
         problem, contact = self.problem, self.problem.contact
@@ -213,6 +227,8 @@ class MixedNewton:
                 return replace(solution, state=passed)
             spent = solution.iterations
         state, share = contact.reachable(before, state)
+        if share < least_way:
+            return Solution(state, False, CONTACT_AHEAD, spent, np.nan)
         if share < 1.0:
             state = problem.with_mean_directors(state, before)
         for _ in range(MOST_RENEWALS):

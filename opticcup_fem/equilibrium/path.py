@@ -9,7 +9,7 @@ import numpy as np
 
 from opticcup_fem.equilibrium.critical import CriticalPoint, CriticalPoints, Known
 from opticcup_fem.equilibrium.jumps import Relaxation
-from opticcup_fem.equilibrium.newton import MOST_TURNS, MixedNewton, Solution
+from opticcup_fem.equilibrium.newton import CONTACT_AHEAD, MOST_TURNS, MixedNewton, Solution
 from opticcup_fem.equilibrium.problem import Problem
 from opticcup_fem.equilibrium.relaxation import Relaxed
 from opticcup_fem.equilibrium.spectrum import Mode
@@ -30,6 +30,10 @@ relaxation leaves the path that lost its stability."""
 
 SLIP_STEP = 10
 """Smallest steps in a step on which parts that touch may slip: where on it does not matter."""
+
+LEAST_WAY = 0.75
+"""Share of the way to a guess that must be free of contact: else a shorter step costs less than the
+way that is left for Newton's method."""
 
 
 @dataclass(frozen=True)
@@ -223,8 +227,7 @@ class LoadStepping:
                     history = self._history(course, found)
                 else:
                     history.add(found.t_n, self._remembered(found))
-                quick = solution.iterations - solution.turns <= control.quick
-                dt = min(max(dt, step) * (control.growth if quick else 1.0), control.largest)
+                dt = control.after(dt, step, solution.iterations - solution.turns)
             elif attempt.unbalanced is not None and step <= control.smallest * (1 + 1e-6):
                 self.end = PathEnd(target, solution, attempt.unbalanced)
                 return
@@ -293,7 +296,12 @@ class LoadStepping:
         shell = self.problem.shell
         begin_step(shell, t_n, guess)
         near = guess if before is None else before.state
-        solution = self.newton.solve(guess, before=near)
+        may_shorten = before is not None and not self._is_short(before, t_n)
+        solution = self.newton.solve(
+            guess, before=near, least_way=LEAST_WAY if may_shorten else 0.0
+        )
+        if solution.reason == CONTACT_AHEAD:
+            return Attempt(solution)
         descends = before is not None and self._may_descend_from(before, t_n)
         if not solution.converged and before is not None and descends:
             return self._descended(t_n, guess, before, solution)

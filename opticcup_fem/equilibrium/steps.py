@@ -24,6 +24,8 @@ class StepControl:
         growth: Factor after a quick step.
         cut: Factor after a failed one.
         quick: A step of at most this many iterations is quick.
+        slow: One of more than these is followed by a shorter one; by default more than a single
+            solve of Newton's method may take, so that only contact comes to it.
         max_move: Largest move of a node in one step, unit R.
         jump_move: A relaxation that moves a node farther than this is a jump, unit R.
     """
@@ -34,8 +36,22 @@ class StepControl:
     growth: float = 1.5
     cut: float = 0.4
     quick: int = 6
+    slow: int = 15
     max_move: float = 0.4
     jump_move: float = 0.05
+
+    def after(self, dt: float, step: float, iterations: int) -> float:
+        """Return the length of the step behind an accepted one.
+
+        Args:
+            dt: Length that the accepted step was to have.
+            step: Length that it had, to land where it was due.
+            iterations: Iterations that it took.
+        """
+        if iterations > self.slow:
+            return max(self.cut * step, self.smallest)
+        longer = self.growth if iterations <= self.quick else 1.0
+        return min(max(dt, step) * longer, self.largest)
 
 
 class Course:
