@@ -5,6 +5,8 @@ push apart, balance, and are the derivative of the energy, as the Hessian is the
 along the shell never touch; a finer collision mesh gives the same energy; no step goes through.
 """
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -252,6 +254,22 @@ def test_room_that_was_found_is_not_trusted_too_far(sphere: Snapshot) -> None:
         assert used.energy(vertices) == pytest.approx(fresh, rel=1e-13)
     used.forget()
     assert used.energy(vertices) == fresh
+
+
+def test_parts_stay_apart_until_they_do_not(sphere: Snapshot) -> None:
+    """On ways long and short the barrier's distance is what must be kept, list or no list."""
+    surface = surface_of(sphere)
+    barrier = Barrier(surface, 0.012, 1.0)
+    gaps = (0.3, 0.2, 0.12, 0.07, 0.045, 0.042, 0.039, 0.036, 0.028, 0.021, 0.016)
+    places = [surface.vertices(faces_of(dimple(sphere, gap))) for gap in gaps]
+    for before, after in itertools.pairwise(places):
+        assert barrier.stays_apart(before, after)
+        assert barrier.stays_apart(after, before)
+    near = surface.vertices(faces_of(dimple(sphere, 0.0115)))
+    for before in places:
+        assert not barrier.stays_apart(before, near)
+    # a way that ends where it began, as far as gaps go, may still lead through
+    assert not barrier.stays_apart(places[0], surface.vertices(faces_of(dimple(sphere, -0.3))))
 
 
 BODIES = [

@@ -14,7 +14,7 @@ from opticcup_fem.contact.model import Contact, ContactSettings
 from opticcup_fem.contact.obstacles import Plate, Sphere
 from opticcup_fem.contact.report import ContactReport, contact_report, nodal_areas
 from opticcup_fem.equilibrium.jumps import make_relaxation
-from opticcup_fem.equilibrium.newton import MixedNewton
+from opticcup_fem.equilibrium.newton import CONTACT_AHEAD, MixedNewton
 from opticcup_fem.equilibrium.path import LoadStepping, PathPoint, StepControl
 from opticcup_fem.equilibrium.problem import Problem
 from opticcup_fem.errors import CaseError
@@ -132,6 +132,22 @@ def test_squeezed_sphere_comes_back(squeezed: tuple[LoadStepping, list[PathPoint
     assert last.t_n == 0.0 and last.state.contact is not None
     assert not last.state.contact.touches
     np.testing.assert_allclose(last.state.r, points[0].state.r, atol=1e-6)
+
+
+def test_solve_that_contact_stops_early_is_not_begun(
+    squeezed: tuple[LoadStepping, list[PathPoint]],
+) -> None:
+    """From the last state to a guess in which the plates are far inside, and to one just ahead."""
+    stepping, points = squeezed
+    newton, last = stepping.newton, points[-1].state
+    solved = []
+    for t_n in (1.001, 1.5):
+        stepping.problem.shell.set_time(t_n)
+        solved.append(newton.solve(last, before=last, least_way=0.75))
+    assert solved[0].converged and solved[0].iterations > 0
+    assert solved[1].reason == CONTACT_AHEAD
+    assert not solved[1].converged and solved[1].iterations == 0
+    assert newton.solve(last, before=last).iterations > 0
 
 
 def test_nothing_changes_where_nothing_touches() -> None:

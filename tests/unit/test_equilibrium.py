@@ -180,6 +180,16 @@ def test_next_time_leaves_no_sliver() -> None:
     assert course.is_over(1.0)
 
 
+def test_step_behind_an_accepted_one() -> None:
+    """Longer behind a quick one, shorter behind a slow one, within its bounds."""
+    control = StepControl(largest=0.1, smallest=0.01, growth=1.5, cut=0.4, quick=6, slow=15)
+    assert control.after(0.04, 0.04, 6) == pytest.approx(0.06)
+    assert control.after(0.04, 0.001, 3) == pytest.approx(0.06)  # it only had to land
+    assert control.after(0.04, 0.04, 7) == control.after(0.04, 0.04, 15) == 0.04
+    assert control.after(0.04, 0.03, 16) == pytest.approx(0.012)
+    assert control.after(0.09, 0.09, 1) == 0.1 and control.after(0.02, 0.02, 99) == 0.01
+
+
 def test_course_back_in_time_lands_too() -> None:
     course = Course(0.3, 0.0, [0.1, 0.5])
     assert course.sign == -1

@@ -14,7 +14,7 @@ import pytest
 from opticcup_fem.mesh import cup_mesh, disk_mesh
 from opticcup_fem.shell.growth import LinearGrowth
 from opticcup_fem.shell.model import Shell, ShellState
-from opticcup_fem.shell.recovery import capture, layer_fields
+from opticcup_fem.shell.recovery import capture, layer_fields, layer_heights
 from opticcup_fem.shell.section import Layer, Section
 
 NU, MU = 0.45, 3.0
@@ -130,6 +130,25 @@ def test_layers_of_a_grown_sphere_pull_and_push() -> None:
         assert half_traces[name].mean() == pytest.approx(exact, rel=5e-3)
         assert np.abs(fields[name].stress[..., 2]).max() < 0.02 * abs(exact)
     assert half_traces["iov"].max() < 0 < half_traces["ecm"].min()
+
+
+def test_heights_alone_are_those_of_the_faces() -> None:
+    """Heights without stresses put the faces where the layers' fields put them."""
+    h, t_n = 0.2, 0.2
+    cap = Section([Layer("iov", 0.9 * h, 1.0, NU, 5), Layer("ecm", 0.1 * h, 50.0, NU, 2)])
+    sections = {"cap": cap, "oov": Section([Layer("oov", h, 1.0, NU, 5)])}
+    laws = {name: LinearGrowth(rate) for name, rate in (("iov", 3.0), ("ecm", 0.0), ("oov", 1.0))}
+    shell = Shell(cup_mesh(0.7, 0.34, 0.2, 0.5, comm=MPI.COMM_SELF), sections, laws)
+    shell.set_time(t_n)
+    state = stretched(shell, np.diag([1.2, 1.3, 1.1]))
+    snapshot = capture(shell, state, t_n)
+    assert snapshot is not None
+    for region, heights in layer_heights(shell, state).items():
+        middle = snapshot.position[snapshot.cells[snapshot.cells_of(region)]]
+        apart = np.linalg.norm(snapshot.faces[region] - middle[:, :, None], axis=-1)
+        assert np.abs(heights[..., 0] + apart[..., 0]).max() < 1e-12
+        assert np.abs(heights[..., -1] - apart[..., -1]).max() < 1e-12
+        assert (np.diff(heights, axis=-1) > 0).all()
 
 
 def test_faces_stand_off_by_the_current_thickness() -> None:
