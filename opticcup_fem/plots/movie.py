@@ -74,10 +74,10 @@ def movie(run_dirs: Sequence[str | Path], out: str | Path, look: Look | None = N
     """
     look = look or Look(cut=len(run_dirs) == 1)
     out = Path(out)
-    check_output(out)
     if len(run_dirs) not in (1, 2):
         raise CaseError(f"a movie shows one run or two side by side, not {len(run_dirs)}")
     playbacks = load_playbacks(run_dirs, look.quantity)
+    check_output(out)
     count = len(frames([p.course for p in playbacks], look.seconds, look.fps))
     request = {"runs": [str(p) for p in run_dirs], "out": str(out), "look": asdict(look)}
     draw_apart(__name__, [json.dumps(request)], seconds=600 + _SECONDS_A_FRAME * count)

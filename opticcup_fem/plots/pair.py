@@ -36,11 +36,11 @@ def pair(run_dirs: Sequence[str | Path], out: str | Path = PAIR) -> Path:
         raise CaseError(f"{out}: the side-by-side picture is a PNG; its name must end in .png")
     if len(run_dirs) != 2:
         raise CaseError(f"a pair is two run folders, not {len(run_dirs)}")
+    load_playbacks(run_dirs, None)
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise CaseError(f"{out}: cannot write there ({error.strerror})") from None
-    load_playbacks(run_dirs, None)
     draw_apart(__name__, [json.dumps([*map(str, run_dirs), str(out)])])
     return out
 

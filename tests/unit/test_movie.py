@@ -266,6 +266,8 @@ def test_pages_keep_both_ends_of_jumps(run_dir: Path, tmp_path: Path) -> None:
     [
         (lambda run: movie([run], "movie.avi"), "must end in .mp4, .webm, .gif"),
         (lambda run: movie([run.parent / "absent"], "movie.mp4"), "no such run folder"),
+        (lambda run: movie(["absent"], "absent/movie.mp4"), "no such run folder"),
+        (lambda run: pair(["absent", run], "absent/pair.png"), "no such run folder"),
         (lambda run: movie([run] * 3, "movie.mp4"), "one run or two"),
         (lambda run: movie([run], run / "path.csv" / "movie.mp4"), "cannot write there"),
         (lambda run: Look(fps=0), "--fps"),
