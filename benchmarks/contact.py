@@ -10,13 +10,12 @@ from __future__ import annotations
 
 import argparse
 import time
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 
 from mpi4py import MPI
 
 import numpy as np
+from apart import measured_apart
 
 from opticcup_fem import load_case
 from opticcup_fem.studies.model import shell_of, stepping_of
@@ -35,7 +34,10 @@ def main() -> None:
     parser.add_argument("--to", type=float, default=1.0, metavar="T", help="last t_n")
     options = parser.parse_args()
     for ratio in options.ratios:
-        off, on = (_in_own_process(ratio, mode, options) for mode in ("off", "resist"))
+        off, on = (
+            measured_apart(measure, ratio, mode, options.coarse, options.to)
+            for mode in ("off", "resist")
+        )
         first = next((k for k, state in enumerate(on) if state[2]), len(on))
         touch = on[first][0] if first < len(on) else np.inf
         print(f"R/h = {ratio:g}: {len(off)} and {len(on)} states; first touch at t_n = {touch:g}")
@@ -57,11 +59,6 @@ def main() -> None:
 def _seconds(states: list[State], start: float, end: float) -> float:
     """Return the processor time of the states in a half-open range of t_n."""
     return sum(seconds for t_n, seconds, _, _ in states if start < t_n <= end)
-
-
-def _in_own_process(ratio: float, mode: str, options: argparse.Namespace) -> list[State]:
-    with ProcessPoolExecutor(1, get_context("spawn")) as pool:
-        return pool.submit(measure, ratio, mode, options.coarse, options.to).result()
 
 
 def measure(ratio: float, mode: str, coarse: float, t_end: float) -> list[State]:

@@ -11,13 +11,12 @@ from __future__ import annotations
 import argparse
 import tempfile
 import time
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 
 from mpi4py import MPI
 
 import pandas as pd
+from apart import measured_apart
 
 from opticcup_fem import load_case
 from opticcup_fem.studies.run import run
@@ -51,9 +50,7 @@ def main() -> None:
     best: dict[str, tuple[int, int, float]] = {}
     for _ in range(options.rounds):
         for name, keys in RUNS.items():
-            with ProcessPoolExecutor(1, get_context("spawn")) as pool:
-                job = pool.submit(measure, keys, options.model, options.coarse, options.to)
-                found = job.result()
+            found = measured_apart(measure, keys, options.model, options.coarse, options.to)
             best[name] = min(best.get(name, found), found, key=lambda one: one[2])
     _, least, shortest = next(iter(best.values()))
     for name, (states, iterations, seconds) in best.items():

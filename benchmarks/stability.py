@@ -11,12 +11,11 @@ from __future__ import annotations
 
 import argparse
 import time
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 
 from mpi4py import MPI
 
+from apart import measured_apart
 from timers import peak_memory
 
 from opticcup_fem import load_case
@@ -37,8 +36,7 @@ def main() -> None:
 
 def _in_own_process(ratio: float, watched: bool) -> float:
     """Measure one run, print its line and return its processor time."""
-    with ProcessPoolExecutor(1, get_context("spawn")) as pool:
-        seconds, memory, states, critical = pool.submit(measure, ratio, watched).result()
+    seconds, memory, states, critical = measured_apart(measure, ratio, watched)
     name = "yes" if watched else "no"
     line = f"{ratio:5g} {name:>8} {seconds:8.1f} {memory:8.0f} {states:7d}"
     print(f"{line} {len(critical):9d}  {', '.join(critical)}", flush=True)
