@@ -48,11 +48,14 @@ def test_chick(tmp_path: Path) -> None:
     depth = {0.1: 0.3763, 0.2: 0.4675, 0.4: 0.5326, 0.5: 0.7349, 0.7: 0.8346, 1.0: 0.8703}
     check(path, "D_over_r", depth, 4e-3)
     check(path, "lambda_iov", {0.1: 1.2838, 0.5: 1.6055, 1.0: 1.6258}, 4e-3)
-    primary, secondary = read_events(tmp_path)
+    primary, secondary, touch = read_events(tmp_path)
     assert (primary["kind"], primary["type"]) == ("primary_invagination", "smooth")
     assert primary["t_n"] == pytest.approx(0.0640, rel=0.01)
     assert (secondary["kind"], secondary["type"]) == ("secondary_invagination", "fold")
     assert secondary["t_n"] == pytest.approx(0.4729, rel=0.01)
+    # the layers meet late, the mid-surface does not
+    assert (touch["kind"], touch["type"]) == ("self_contact", "thickness")
+    assert touch["t_n"] > 0.7
     assert path.asymmetry.max() < 1e-4
     reference = pd.read_csv(DATA / "stable_path_R5.csv")
     heights = {}
