@@ -108,9 +108,10 @@ class Barrier:
         self._ahead = NearParts(surface, distance, WIDE_ROOM * distance)
 
     def forget(self) -> None:
-        """Drop the list, whose order changes results by rounding: what begins here repeats."""
+        """Drop the lists, whose order changes results by rounding: what begins here repeats."""
         self._at = None
         self._near.forget()
+        self._ahead.forget()
 
     def _candidates(self, vertices: Floats) -> ipctk.Candidates:
         """Return the list of parts that may be near, made afresh where it does not hold."""

@@ -261,7 +261,7 @@ class Contact:
 
     # --- ways to a state ----------------------------------------------------------------------
 
-    def _begin(self) -> None:
+    def forget(self) -> None:
         """Let a way depend on its ends alone, so that a resumed run repeats what it left."""
         if self.barrier is not None:
             self.barrier.forget()
@@ -273,7 +273,7 @@ class Contact:
         towards where they stand at the present t_n.  The share 1 is the guess itself.
         """
         assert before.contact is not None
-        self._begin()
+        self.forget()
         arrived = replace(before.contact, time=self.shell.t_n)
         if self.shell.evaluate(guess, tangent=False)[1] is None:
             arrived = self._present(guess)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from opticcup_fem.meridian.shell import MeridianShell, MeridianState
 from opticcup_fem.meridian.transport import meridian_geometry
 from opticcup_fem.sections import Section, SectionPart
-from opticcup_fem.shell.recovery import LayerFields, layer_means
+from opticcup_fem.shell.recovery import LayerFields, heights_of, layer_means
 
 Array = NDArray[np.float64]
 
@@ -73,10 +73,7 @@ def evaluate(
     position, tangent = np.einsum("dkn,kni->dki", table, state.r[mesh.cells[cell]])
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
     normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
-    layers = [fields[one.name] for one in section.layers]
-    heights = section.face_heights(
-        [one.thickness_stretch for one in layers], [one.thickness for one in layers]
-    )
+    heights = heights_of(section, fields)
     faces = position[:, None] + heights[..., None] * normal[:, None]
     return Meridian(position, faces, fields, _growth(shell, state, t_n, region, s))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -305,6 +305,18 @@ def layer_heights(shell: Shell, state: ShellState) -> dict[str, Array]:
     return heights
 
 
+def heights_of(section: Section, fields: Mapping[str, LayerFields]) -> Array:
+    """Return the heights of the layer faces over the mid-surface, from the layers' fields.
+
+    Returns:
+        Innermost face first, shape (..., n_layers + 1).
+    """
+    layers = [fields[layer.name] for layer in section.layers]
+    return section.face_heights(
+        [one.thickness_stretch for one in layers], [one.thickness for one in layers]
+    )
+
+
 def layer_faces(
     shell: Shell, state: ShellState, region: str, fields: dict[str, LayerFields]
 ) -> Array:
@@ -319,10 +331,7 @@ def layer_faces(
     Returns:
         Innermost face first, shape (n_cells, n_nodes, n_layers + 1, 3).
     """
-    layers = [fields[layer.name] for layer in shell.sections[region].layers]
-    heights = shell.sections[region].face_heights(
-        [one.thickness_stretch for one in layers], [one.thickness for one in layers]
-    )
+    heights = heights_of(shell.sections[region], fields)
     spaces, cells = shell.spaces, shell.region_cells(region)
     nodes = spaces.nodes[cells]
     base = np.einsum("cqna,cni->cqai", spaces.gradient_operator(NODES)[cells], state.r[nodes])
