@@ -22,59 +22,7 @@ from opticcup_fem.contact.surface import ContactSurface
 from opticcup_fem.snapshot import Floats
 
 ROOM = 0.5
-"""How far vertices may move, over d_hat, before the parts that touch are looked for again."""
-
-WIDE_ROOM = 1.5
-"""The same where nothing touches yet, for ways of at most a quarter of it: on longer ones a sweep
-along the way costs less than a list."""
-
-
-class NearParts:
-    """Parts of a surface that are nearer than a distance, or may come so (a Verlet list); serial.
-
-    Attributes:
-        room: How far vertices may move before the list is to be made afresh.
-        listed: The parts.
-    """
-
-    def __init__(self, surface: ContactSurface, distance: float, room: float) -> None:
-        """Begin with nothing listed.
-
-        Args:
-            surface: What can touch.
-            distance: The distance.
-            room: How far vertices may move.
-        """
-        self._mesh, self._distance, self.room = surface.mesh, distance, room
-        self.forget()
-
-    def forget(self) -> None:
-        """Drop the list."""
-        self.listed = ipctk.Candidates()
-        self._at: Floats | None = None
-
-    def holds(self, vertices: Floats) -> bool:
-        """Return whether the list has all parts nearer than the distance at these positions."""
-        return self._at is not None and _farthest(self._at, vertices) <= self.room
-
-    def renew(self, vertices: Floats) -> None:
-        """List the parts that are near here or within ``room`` of here."""
-        self.listed = ipctk.Candidates()
-        self.listed.build(self._mesh, vertices, self._distance / 2 + self.room)
-        self._at = vertices.copy(order="F")
-
-    def free_fraction(self, start: Floats, end: Floats, apart: float) -> float:
-        """Return the share of a way that is free of collisions of the listed parts, 0 to 1."""
-        return self.listed.compute_collision_free_stepsize(self._mesh, start, end, apart, _ccd())
-
-
-def _farthest(start: Floats, end: Floats) -> float:
-    return float(np.linalg.norm(end - start, axis=1).max())
-
-
-def _ccd() -> ipctk.AdditiveCCD:
-    # the toolkit's default method takes minutes over edges that move in parallel planes
-    return ipctk.AdditiveCCD()
+"""How far vertices may move, over d_hat, before the parts that are near are looked for again."""
 
 
 class Barrier:
@@ -104,20 +52,27 @@ class Barrier:
         self._potential = ipctk.BarrierPotential(distance, stiffness / 2, True)
         self._at: Floats | None = None
         self._pairs = ipctk.NormalCollisions()
-        self._near = NearParts(surface, distance, ROOM * distance)
-        self._ahead = NearParts(surface, distance, WIDE_ROOM * distance)
+        self._listed: Floats | None = None
+        self._near = ipctk.Candidates()
 
     def forget(self) -> None:
-        """Drop the lists, whose order changes results by rounding: what begins here repeats."""
-        self._at = None
-        self._near.forget()
-        self._ahead.forget()
+        """Drop the list, whose order changes results by rounding: what begins here repeats."""
+        self._at = self._listed = None
+
+    def _reaches(self, vertices: Floats) -> bool:
+        """Return whether the list holds for these positions."""
+        if self._listed is None:
+            return False
+        moved = np.linalg.norm(vertices - self._listed, axis=1).max()
+        return bool(moved <= ROOM * self.distance)
 
     def _candidates(self, vertices: Floats) -> ipctk.Candidates:
         """Return the list of parts that may be near, made afresh where it does not hold."""
-        if not self._near.holds(vertices):
-            self._near.renew(vertices)
-        return self._near.listed
+        if not self._reaches(vertices):
+            self._near = ipctk.Candidates()
+            self._near.build(self.surface.mesh, vertices, (0.5 + ROOM) * self.distance)
+            self._listed = vertices.copy(order="F")
+        return self._near
 
     def pairs(self, vertices: Floats) -> ipctk.NormalCollisions | None:
         """Return the pairs nearer than d_hat, None where there are none."""
@@ -173,30 +128,15 @@ class Barrier:
             end: Positions at the end of the way.
             apart: Distance to be kept all the way, below the gap at ``start``.
         """
-        if apart <= self.distance and _farthest(start, end) <= self._near.room:
-            self._candidates(start)
-            if self._near.holds(end):
-                return self._near.free_fraction(start, end, apart)
-        return self._swept(start, end, apart)
-
-    def stays_apart(self, start: Floats, end: Floats) -> bool:
-        """Return whether no gap falls below d_hat on the straight way from ``start``.
-
-        Args:
-            start: Positions whose gaps are d_hat at least.
-            end: Positions at the end of the way.
-        """
-        near = self._ahead
-        if not (near.holds(start) and near.holds(end)):
-            if _farthest(start, end) > near.room / 4:
-                return self._swept(start, end, self.distance) >= 1.0
-            near.renew(start)
-        return near.free_fraction(start, end, self.distance) >= 1.0
-
-    def _swept(self, start: Floats, end: Floats, apart: float) -> float:
-        """Return the free share of a way of any length, see ``free_fraction``."""
+        # the toolkit's default method takes minutes over edges that move in parallel planes
+        method = ipctk.AdditiveCCD()
+        mesh, farthest = self.surface.mesh, np.linalg.norm(end - start, axis=1).max()
+        if apart <= self.distance and farthest <= ROOM * self.distance:
+            near = self._candidates(start)
+            if self._reaches(end):
+                return near.compute_collision_free_stepsize(mesh, start, end, apart, method)
         return ipctk.compute_collision_free_stepsize(
-            self.surface.mesh, start, end, apart, narrow_phase_ccd=_ccd()
+            mesh, start, end, apart, narrow_phase_ccd=method
         )
 
     def crosses(self, vertices: Floats) -> bool:

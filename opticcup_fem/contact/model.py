@@ -151,11 +151,12 @@ class Contact:
             before: A state in which nothing touches.
             after: The other end of the way.
         """
+        self._begin()
         goal = replace(after, contact=replace(self._present(after), touches=False))
         start, end = self._of(before), self._of(goal)
         clear = True
         if self.barrier is not None:
-            clear = self.barrier.stays_apart(start, end)
+            clear = self.barrier.free_fraction(start, end, self.barrier.distance) >= 1.0
         return goal if self.comm.bcast(clear) else None
 
     def _vertices(self, data: ContactData, r: Array) -> Array:
@@ -261,7 +262,7 @@ class Contact:
 
     # --- ways to a state ----------------------------------------------------------------------
 
-    def forget(self) -> None:
+    def _begin(self) -> None:
         """Let a way depend on its ends alone, so that a resumed run repeats what it left."""
         if self.barrier is not None:
             self.barrier.forget()
@@ -273,7 +274,7 @@ class Contact:
         towards where they stand at the present t_n.  The share 1 is the guess itself.
         """
         assert before.contact is not None
-        self.forget()
+        self._begin()
         arrived = replace(before.contact, time=self.shell.t_n)
         if self.shell.evaluate(guess, tangent=False)[1] is None:
             arrived = self._present(guess)

@@ -328,9 +328,7 @@ class Problem:
         self._renew_pattern()
 
     def forget_contacts(self) -> None:
-        """Let rounding, by lists and the tangent's pattern, depend on contacts to come alone."""
-        if self.contact is not None:
-            self.contact.forget()
+        """Let the tangent's pattern, and with it rounding, depend on contacts to come alone."""
         self._has_old_contacts = self._has_old_contacts or self._far is not None
         self._far = None
 
