@@ -1,4 +1,4 @@
-"""The buckled cup between mirror planes (demos/slit.toml) against a finer mesh (docs/contact.md)."""
+"""The buckled cup between mirror planes (demos/slit.toml), against a finer mesh."""
 
 from pathlib import Path
 
