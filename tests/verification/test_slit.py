@@ -29,7 +29,7 @@ FINER = {
 
 def test_slit_is_that_of_a_finer_mesh_and_crosses_nowhere(tmp_path: Path) -> None:
     """Extents and depth within 2 %, energy within 5e-4; rims that touch; no slide; no crossing."""
-    summary = cup.run(load_case(DEMO, ["run.t_end=0.4"]), tmp_path, quiet=True)
+    summary = cup.run(load_case(DEMO), tmp_path, quiet=True)
     assert summary.ok, summary.message
     broken, touch = read_events(tmp_path)[1:]
     assert (broken["kind"], broken["wavenumber"]) == ("symmetry_breaking", 2)
