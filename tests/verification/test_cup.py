@@ -13,6 +13,7 @@ import pytest
 from opticcup_fem.case import parse_case
 from opticcup_fem.records import read_events, read_path
 from opticcup_fem.studies import cup
+from tests.support.path_rows import at, check
 
 pytestmark = pytest.mark.slow
 
@@ -26,20 +27,6 @@ def run(folder: Path, radius_over_thickness: float, **tables: dict[str, object])
     summary = cup.run(case, folder, quiet=True)
     assert summary.ok, summary.message
     return read_path(folder)
-
-
-def at(path: pd.DataFrame, t_n: float, name: str) -> float:
-    """Return a column at an output time."""
-    (value,) = path.loc[np.isclose(path.t_n, t_n, rtol=0, atol=1e-12), name]
-    return float(value)
-
-
-def check(path: pd.DataFrame, name: str, values: dict[float, float], tolerance: float) -> None:
-    """Compare a column with reference values at output times."""
-    found = {t: at(path, t, name) for t in values}
-    print(name, {t: f"{100 * (found[t] / values[t] - 1):+.3f} %" for t in values})
-    for t, value in values.items():
-        assert found[t] == pytest.approx(value, rel=tolerance), f"{name} at t_n = {t}"
 
 
 def test_chick(tmp_path: Path) -> None:
