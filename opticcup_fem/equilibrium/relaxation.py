@@ -11,6 +11,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+from petsc4py import PETSc
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,6 +29,13 @@ ARMIJO = 1e-4
 LAG = 0.25
 """Change of the faces' heights, over the barrier's distance, that a descent leaves until it has
 come to rest: renewed, they change the energy that it lowers."""
+
+
+FIRST_MOVES = (0.02, 0.005, 0.001)
+"""Largest move of a node, in units of length of the mesh, with which a saddle is left."""
+
+MOST_SOLVES = 60
+"""Inverse iterations for the motion along which it is left."""
 
 
 @dataclass(frozen=True)
@@ -127,7 +136,10 @@ class EnergyDescent:
                     return Relaxed(state, True, iteration, factorisations, energy, norm, why, 0)
                 energy = problem.energy(state)
                 continue
-            accepted = self._line_search(state, energy)
+            accepted = None
+            if norm < self.tolerance:  # unstable: no slope leads away
+                accepted = self._along_softest(state, energy, shift)
+            accepted = accepted or self._line_search(state, energy)
             if accepted is None:
                 reason = "no step lowers the energy"
                 return Relaxed(state, False, iteration, factorisations, energy, norm, reason)
@@ -196,6 +208,45 @@ class EnergyDescent:
             problem.assemble_tangent(cells, problem.contact_stiffness(state, convex=True))
             applied, convex = 0.0, True
 
+    def _along_softest(
+        self, state: ShellState, energy: float, shift: float
+    ) -> tuple[ShellState, float, float] | None:
+        """Return (state, energy, fraction) after a step along the softest motion, or None.
+
+        From a saddle at which the slope vanishes, as it does by symmetry in every motion that
+        breaks it.  The motion is found by inverse iteration with H + s M, which is factorised.
+        """
+        problem, motion = self.problem, self._step
+        still = np.zeros_like(state.alpha)
+        motion.array[:] = problem.owned_values(_without_symmetry(problem.shell.reference), still)
+        weighed, curvature = motion.duplicate(), np.inf
+        for _ in range(MOST_SOLVES):
+            motion.scale(1 / np.sqrt(self._square(motion)))
+            weighed.pointwiseMult(self._mass, motion)
+            problem.ksp.solve(weighed, motion)
+            last, curvature = curvature, weighed.dot(motion) / self._square(motion) - shift
+            if curvature < 0 and abs(curvature - last) < 0.1 * abs(curvature):
+                break
+        if curvature >= 0:
+            return None
+        dr, dalpha = problem.split(problem.to_local(motion.array_r))
+        longest = problem.largest(np.linalg.norm(dr, axis=1))
+        for amount in FIRST_MOVES:
+            for sign in (1, -1):
+                share = sign * amount / longest
+                share *= problem.free_fraction(state, share * dr)
+                trial = replace(state, r=state.r + share * dr, alpha=state.alpha + share * dalpha)
+                reached = self._energy_of(trial) if problem.is_free(state, trial) else None
+                if reached is not None and reached[1] < energy:
+                    return problem.shell.with_updated_directors(reached[0]), reached[1], 1.0
+        return None
+
+    def _square(self, motion: PETSc.Vec) -> float:
+        """Return x . M x of a motion x (collective)."""
+        weighed = motion.duplicate()
+        weighed.pointwiseMult(self._mass, motion)
+        return float(weighed.dot(motion))
+
     def _line_search(
         self, state: ShellState, energy: float
     ) -> tuple[ShellState, float, float] | None:
@@ -229,3 +280,14 @@ class EnergyDescent:
             return None
         trial = shell.with_local_equilibrium(trial)
         return trial, self.problem.energy(trial)
+
+
+def _without_symmetry(x: Array) -> Array:
+    """Return a smooth vector field that no mirror or turn leaves as it is, shape (n, 3).
+
+    Args:
+        x: Reference positions, shape (n, 3): it is the same however they are distributed.
+    """
+    waves = np.array([[3.0, 5.0, 7.0], [6.0, 4.0, -5.0], [-4.0, 7.0, 3.0]])
+    field: Array = np.sin(x @ waves.T + np.array([1.0, 2.0, 3.0]))
+    return field

@@ -21,10 +21,13 @@ from opticcup_fem.equilibrium.problem import Problem
 from opticcup_fem.equilibrium.relaxation import EnergyDescent
 from opticcup_fem.equilibrium.steps import Course, History, StepControl
 from opticcup_fem.equilibrium.viscous import ViscousRelaxation
+from opticcup_fem.mesh import disk_mesh
+from opticcup_fem.shell.growth import LinearGrowth
 from opticcup_fem.shell.model import Shell, ShellState
-from opticcup_fem.shell.supports import free, rigid_modes_of_cup
+from opticcup_fem.shell.supports import clamped, free, rigid_modes_of_cup
 from opticcup_fem.studies.model import shell_of
 from tests.support.cups import coarse_case
+from tests.support.shells import wall
 
 T = 0.03
 """Grown, and before the first invagination."""
@@ -220,3 +223,24 @@ def test_first_point_is_an_equilibrium(shell: Shell, problem: Problem, newton: M
     assert first.t_n == 0 and first.residual < newton.tolerance
     assert first.negative_eigenvalues == 0
     assert np.abs(first.state.r - shell.reference).max() < 1e-3
+
+
+def test_descent_leaves_a_saddle_without_slope() -> None:
+    """A flat disk that grows within a clamped rim is in equilibrium, and buckles out of it."""
+    mesh = disk_mesh(1.0, 0.4, 0.4, comm=MPI.COMM_SELF)
+    disk = Shell(mesh, {"disk": wall(0.05)}, {"wall": LinearGrowth(0.02)})
+    disk.set_time(1.0)
+    problem = Problem(disk, clamped(disk, "rim"))
+    flat = disk.with_local_equilibrium(disk.reference_state())
+    slope = problem.vector.duplicate()
+    problem.assemble_gradient(disk.condensed(flat), flat, slope)
+    assert slope.norm() < 1e-9
+    norms: list[float] = []
+    descent = EnergyDescent(problem)
+    descent.monitor = lambda iteration, norm, energy: norms.append(norm)
+    relaxed = descent.relax(flat)
+    assert relaxed.converged and relaxed.negative_eigenvalues == 0
+    assert norms[0] < 1e-9 and norms[1] > 1e-5  # the first step is one off the saddle
+    assert relaxed.iterations < 40
+    assert relaxed.energy < 0.9 * disk.energy(flat)
+    assert 0.02 < np.abs(relaxed.state.r[:, 2]).max() < 0.5

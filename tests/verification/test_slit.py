@@ -22,7 +22,7 @@ FINER = {
     "mouth_width_over_R": {0.3: 0.1827, 0.4: 0.2339},
     "energy": {0.3: 1.0501, 0.4: 1.8295},
 }
-"""On 1,472 cells instead of 1,080, at times t_n."""
+"""On 1,536 cells instead of 1,168, at times t_n."""
 
 
 def test_slit_is_that_of_a_finer_mesh_and_crosses_nowhere(tmp_path: Path) -> None:
