@@ -30,7 +30,7 @@ PLACES = {
     ],
     "assembly": [
         "equilibrium.problem.Problem.assemble_tangent",
-        "equilibrium.problem.Problem.assemble_vector",
+        "equilibrium.unknowns.Unknowns.add_cells",
         "equilibrium.problem.Problem.add_diagonal",
     ],
     "output": [

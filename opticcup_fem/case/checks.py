@@ -222,6 +222,26 @@ def _check_imperfection(case: Case) -> None:
         )
 
 
+def _check_mirrors(case: Case) -> None:
+    run, symmetry = case.run, case.mesh.symmetry
+    if not run.keep_mirrors:
+        return
+    if run.model == "meridian" or run.follow != "stable":
+        _reject(
+            "run.keep_mirrors",
+            True,
+            'mirror planes are kept with run.model = "surface" and run.follow = "stable" only',
+        )
+    if case.contact.obstacles:
+        _reject("run.keep_mirrors", True, "obstacles have no mirrors; take false, or no obstacles")
+    if symmetry == 0 or symmetry % 2:
+        _reject(
+            "mesh.symmetry",
+            symmetry,
+            "run.keep_mirrors needs a mesh that x = 0 and y = 0 are mirrors of; take 4",
+        )
+
+
 def _check_mesh_resolves_the_shape(case: Case) -> None:
     if case.shape.kind != "cup":
         return
@@ -323,6 +343,7 @@ CROSS_CHECKS = (
     _check_growth_stays_positive,
     _check_mass,
     _check_imperfection,
+    _check_mirrors,
     _check_mesh_resolves_the_shape,
     _check_mesh_is_not_endless,
     _check_steps_are_ordered,

@@ -188,6 +188,11 @@ class Run(_Table):
         le=16,
         description="surface: m of the mode along which a lost symmetry is left; 0, the critical",
     )
+    keep_mirrors: bool = Field(
+        default=False,
+        description="surface: keep x = 0 and y = 0 mirror planes of the deformation, and count "
+        "stability for motions that do",
+    )
     max_wavenumber: int = Field(
         default=8, ge=2, le=40, description="meridian: stability is counted for m = 0 .. this"
     )
@@ -217,7 +222,7 @@ class Mesh(_Table):
         ge=0,
         le=8,
         description="mirror planes through the axis: with 2 m of them a loss of symmetry in m is "
-        'sharp; default 4, with run.follow = "stable" none',
+        'sharp; default 4, with run.follow = "stable" none, unless mirrors are kept',
     )
 
 
@@ -370,7 +375,10 @@ class Case(_Table):
         # What a tissue would do starts from a mesh that is no more symmetric than a tissue.
         if "symmetry" in mesh.model_fields_set or "run" not in info.data:
             return mesh
-        return mesh.model_copy(update={"symmetry": 4 * (info.data["run"].follow != "stable")})
+        run = info.data["run"]
+        return mesh.model_copy(
+            update={"symmetry": 4 * (run.follow != "stable" or run.keep_mirrors)}
+        )
 
     @model_validator(mode="after")
     def _cross_checks(self) -> Self:

@@ -52,25 +52,28 @@ class ShellEquations:
             chart: State to whose directors the angles refer.
         """
         self.problem, self.chart = problem, chart
-        self.n_u = len(problem.global_values(chart))
+        self.n_u = problem.unknowns.owned
         mass = lumped_mass(problem).array_r.copy()
-        positions = problem.owned_values(np.ones_like(chart.r), np.zeros_like(chart.alpha))
+        positions = problem.unknowns.owned_values(np.ones_like(chart.r), np.zeros_like(chart.alpha))
         total = problem.comm.allreduce(float(np.sum(mass * positions)))
         self.weights = 3 * mass * positions / total
 
     def pack(self, state: ShellState) -> Array:
         """Return the unknowns of a state of this chart as one vector."""
-        u = self.problem.global_values(state)
+        u = self.problem.unknowns.owned_values(state.r, state.alpha)
         return np.concatenate([u, state.kappa.ravel(), state.sigma.ravel()])
 
     def pack_motion(self, mode: Mode) -> Array:
         """Return a motion of positions and directors as a change of the unknowns."""
         cells = 2 * self.chart.kappa.size
-        return np.concatenate([self.problem.owned_values(mode.r, mode.alpha), np.zeros(cells)])
+        return np.concatenate(
+            [self.problem.unknowns.owned_values(mode.r, mode.alpha), np.zeros(cells)]
+        )
 
     def unpack(self, x: Array) -> ShellState:
         """Return the state of a vector of unknowns (collective)."""
-        r, alpha = self.problem.split(self.problem.to_local(x[: self.n_u]))
+        unknowns = self.problem.unknowns
+        r, alpha = unknowns.split(unknowns.to_local(x[: self.n_u]))
         kappa, sigma = np.split(x[self.n_u :], 2)
         shape = self.chart.kappa.shape
         return replace(
@@ -109,7 +112,7 @@ class ShellLinearised:
         self.equations, self.state, self.t_n, self.cells = equations, state, t_n, cells
         problem = equations.problem
         self.gradient = problem.vector.duplicate()
-        problem.assemble_vector(cells.gradient, self.gradient)
+        problem.unknowns.add_cells(cells.gradient, self.gradient)
 
     @cached_property
     def residual(self) -> float:
@@ -142,7 +145,7 @@ class ShellLinearised:
         force = shell.kernels["Fr"](data)
         condensed[:, : force.shape[1]] += force
         vector = problem.vector.duplicate()
-        problem.assemble_vector(condensed, vector)
+        problem.unknowns.add_cells(condensed, vector)
         return vector, bending
 
     def bordered(self, row: Array, entry: float, value: float) -> tuple[Direction, Direction]:
@@ -174,8 +177,8 @@ class ShellLinearised:
             dt: The change of t_n.
             fraction: 1 for the Newton step, 0 for a tangent, which leaves the residuals alone.
         """
-        problem = self.equations.problem
-        in_cells = problem.on_cells(problem.to_local(owned))
+        unknowns = self.equations.problem.unknowns
+        in_cells = unknowns.to_local(owned)[unknowns.in_cells]
         dkappa, dsigma = self.cells.local_update(in_cells, self.state.sigma, fraction)
         dsigma = dsigma + dt * self.load[1] / self.cells.det_j[:, None]
         return Direction(np.concatenate([owned, dkappa.ravel(), dsigma.ravel()]), dt)

@@ -21,7 +21,7 @@ def lumped_mass(problem: Problem) -> PETSc.Vec:
     positions = np.repeat(np.abs(problem.shell.nodal_areas()), 3, axis=1)
     mass = problem.vector.duplicate()
     cells = np.concatenate([positions, _rotary_inertia(problem)], axis=1)
-    problem.assemble_vector(cells, mass)
+    problem.unknowns.add_cells(cells, mass, power=2)
     return mass
 
 

@@ -249,7 +249,7 @@ class MixedNewton:
         self._norm = self._smallest = self._factorised_norm = self._best_norm = np.inf
         self._best: ShellState | None = None
         self._best_iteration = 0
-        self._x.array[:] = self.problem.global_values(state)
+        self._x.array[:] = self.problem.unknowns.owned_values(state.r, state.alpha)
         self._start = self._x.array.copy()
         self._snes.solve(None, self._x)
         reason = self._snes.getConvergedReason()
@@ -319,7 +319,8 @@ class MixedNewton:
         It goes no farther than contact allows.  Moves the state to the iterate.
         """
         full = -y.array_r.copy()
-        moves, _ = self.problem.split(self.problem.to_local(full))
+        unknowns = self.problem.unknowns
+        moves, _ = unknowns.split(unknowns.to_local(full))
         fraction = self._bound_in_touch(moves)
         fraction *= self.problem.free_fraction(self._state, fraction * moves)
         allowed = fraction
@@ -345,11 +346,11 @@ class MixedNewton:
 
     def _stepped(self, owned_step: Array, fraction: float) -> ShellState:
         """Return the state after a step of (r, alpha) and of what (kappa, sigma) do with it."""
-        problem, state, cells = self.problem, self._state, self._cells
+        unknowns, state, cells = self.problem.unknowns, self._state, self._cells
         assert cells is not None
-        local = problem.to_local(owned_step)
-        dr, dalpha = problem.split(local)
-        dkappa, dsigma = cells.local_update(problem.on_cells(local), state.sigma, fraction)
+        local = unknowns.to_local(owned_step)
+        dr, dalpha = unknowns.split(local)
+        dkappa, dsigma = cells.local_update(local[unknowns.in_cells], state.sigma, fraction)
         return replace(
             state,
             r=state.r + dr,

@@ -17,6 +17,7 @@ from opticcup_fem.equilibrium.stability import NegativeEigenvalues
 from opticcup_fem.equilibrium.steps import Course, History, StepControl
 from opticcup_fem.equilibrium.transport import begin_step, commit, settle
 from opticcup_fem.errors import (
+    CaseError,
     ClosureBreakdown,
     ConvergenceError,
     OpticCupError,
@@ -30,6 +31,9 @@ relaxation leaves the path that lost its stability."""
 
 SLIP_STEP = 10
 """Smallest steps in a step on which parts that touch may slip: where on it does not matter."""
+
+LARGEST_ACROSS = 1e-6
+"""Largest force on a node, unit mu_IOV R^2, that keeping mirrors may take up: rounding is 1e-12."""
 
 LEAST_WAY = 0.75
 """Share of the way to a guess that must be free of contact: else a shorter step costs less than the
@@ -253,9 +257,30 @@ class LoadStepping:
             yield point
 
     def _commit(self, point: PathPoint) -> None:
-        """Set the shell to an accepted point, with its growth (collective)."""
+        """Set the shell to an accepted point, with its growth (collective).
+
+        Raises:
+            CaseError: Mirrors are kept that the tissue does not have.
+        """
         self.problem.shell.set_time(point.t_n)
+        self._check_mirrors(point)
         commit(self.problem.shell, point.state)
+
+    def _check_mirrors(self, point: PathPoint) -> None:
+        """Check that mirrors which are kept are those of the tissue, too (collective).
+
+        Raises:
+            CaseError: Keeping them takes a force.
+        """
+        if not self.problem.unknowns.mirrors:
+            return
+        force = self.problem.force_across_mirrors(point.state)
+        if force > LARGEST_ACROSS:
+            raise CaseError(
+                f"run.keep_mirrors = true is not possible: at t_n = {point.t_n:.4g} it takes a "
+                f"force of {force:.2g} mu_IOV R^2 on a node; layers and growth must be their own "
+                "mirror images in x = 0 and y = 0"
+            )
 
     def between(self, low: PathPoint, high: PathPoint, t_n: float) -> PathPoint | None:
         """Return the state at a time between two neighbouring points, None if there is none.

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from opticcup_fem.contact.model import Contact
+from opticcup_fem.equilibrium.unknowns import Unknowns
 from opticcup_fem.shell.condensation import CondensedCells
 from opticcup_fem.shell.model import Shell, ShellState
-from opticcup_fem.shell.spaces import number_unknowns
 
 Array = NDArray[np.float64]
 
@@ -43,7 +43,7 @@ class Problem:
 
     Attributes:
         shell: The shell.
-        held: Mask of held unknowns over the rank's local unknowns (see ``shell.supports``).
+        unknowns: Numbers of the unknowns, those held, and mirrors that are kept.
         contact: Contact that is resisted, if any.
         awake: Whether contact is evaluated; it is not while a solve is tried without it.
         matrix: The tangent H.
@@ -51,51 +51,44 @@ class Problem:
     """
 
     def __init__(
-        self, shell: Shell, held: NDArray[np.bool_], contact: Contact | None = None
+        self,
+        shell: Shell,
+        held: NDArray[np.bool_],
+        contact: Contact | None = None,
+        mirrors: Sequence[int] = (),
     ) -> None:
         """Number the unknowns and allocate (collective).
 
         Args:
             shell: The shell.
-            held: Mask of held unknowns; their rows and columns become those of the identity.
+            held: Mask of held unknowns; rows and columns of idle ones become the identity's.
             contact: Contact to be resisted, if any.
+            mirrors: Planes that the deformation keeps, see ``Unknowns``.
+
+        Raises:
+            MeshError: A plane is no mirror of the mesh.
         """
-        self.shell, self.held, self.contact = shell, held, contact
+        self.shell, self.contact = shell, contact
+        self.unknowns = Unknowns(shell, held, mirrors)
+        self._every = Unknowns(shell, held) if mirrors else self.unknowns
+        self.vector = self.unknowns.vector
         self.awake = contact is not None
         self.comm: MPI.Intracomm = shell.comm
         self.symmetric = shell.has_energy
-        self._numbering = number_unknowns(shell.spaces)
-        self._split = 3 * shell.spaces.n_nodes
-        self._map_cells()
         self._allocate()
         self._springs: PETSc.Vec | None = None
         if contact is not None and contact.has_obstacles:
             self._springs = self._soft_springs()
         self._make_solver()
 
-    def _map_cells(self) -> None:
-        """Local numbers of the unknowns of every cell, shape (n_cells, n_u)."""
-        shell, spaces = self.shell, self.shell.spaces
-        positions = 3 * spaces.nodes[:, :, None] + np.arange(3)
-        slots: Array = np.arange(spaces.n_edges * spaces.degree, dtype=np.float64)
-        angles = self._split + shell.directors.per_cell(slots.reshape(-1, spaces.degree))
-        n = spaces.n_cells
-        self.cell_unknowns = np.concatenate(
-            [positions.reshape(n, -1), angles.reshape(n, -1)], axis=1
-        ).astype(np.int32)
-        # PETSc skips negative numbers: held unknowns receive nothing
-        self._inserted = np.where(self.held[self.cell_unknowns], -1, self.cell_unknowns).astype(
-            np.int32
-        )
-
     def _allocate(self) -> None:
-        numbering = self._numbering
-        sizes = (numbering.owned, None)
-        self._map = PETSc.LGMap().create(numbering.local_to_global, comm=self.comm)
-        before = self.comm.exscan(numbering.owned)  # None on rank 0
-        self._start = int(before or 0)
+        unknowns = self.unknowns
+        sizes = (unknowns.owned, None)
+        # PETSc skips negative numbers: idle unknowns receive nothing
+        idle = unknowns.idle[unknowns.in_cells]
+        self._inserted = np.where(idle, -1, unknowns.in_cells).astype(np.int32)
         self.matrix = PETSc.Mat().createAIJ((sizes, sizes), comm=self.comm)
-        self.matrix.setLGMap(self._map, self._map)
+        self.matrix.setLGMap(unknowns.map, unknowns.map)
         self.matrix.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
         self._far: sparse.csr_array | None = None
         self._has_old_contacts = False
@@ -103,29 +96,25 @@ class Problem:
         if self.symmetric:
             self.matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
             self.matrix.setOption(PETSc.Mat.Option.SYMMETRY_ETERNAL, True)
-        n = numbering.local_to_global
-        self._is_ghost = (n < self._start) | (n >= self._start + numbering.owned)
-        ghosts = n[self._is_ghost]
-        self.vector = PETSc.Vec().createGhost(ghosts, sizes, comm=self.comm)
-        self._local_slot = np.empty(len(n), dtype=np.int64)
-        self._local_slot[~self._is_ghost] = n[~self._is_ghost] - self._start
-        self._local_slot[self._is_ghost] = numbering.owned + np.arange(len(ghosts))
-        self._held_owned = n[self.held & ~self._is_ghost].astype(np.int32)
         if self.contact is not None:
-            numbers = np.where(self.held, -1, n)[: self._split].reshape(-1, 3).astype(np.int32)
-            self._unknown_of_node = self.contact.gather.everywhere(numbers).ravel()
+            everywhere = self.contact.gather.everywhere
+            numbers, _ = unknowns.split(np.where(unknowns.idle, -1, unknowns.numbers))
+            self._unknown_of_node = everywhere(numbers).ravel()
+            if unknowns.sign is not None:
+                signs, _ = unknowns.split(unknowns.sign)
+                self._sign_of_node = sparse.diags_array(everywhere(signs).ravel())
 
     def _preallocate(self) -> None:
         """Reserve the pattern of cells and contacts, and the diagonal of the held unknowns."""
         preallocator = PETSc.Mat().create(comm=self.comm)
         preallocator.setType(PETSc.Mat.Type.PREALLOCATOR)
-        preallocator.setSizes(((self._numbering.owned, None), (self._numbering.owned, None)))
-        preallocator.setLGMap(self._map, self._map)
+        sizes = (self.unknowns.owned, None)
+        preallocator.setSizes((sizes, sizes))
+        preallocator.setLGMap(self.unknowns.map, self.unknowns.map)
         preallocator.setUp()
-        n_u = self.cell_unknowns.shape[1]
-        self.insert(preallocator, np.zeros((len(self._inserted), n_u, n_u)))
-        diagonal = np.arange(self._start, self._start + self._numbering.owned, dtype=np.int32)
-        for i in diagonal:
+        n_cells, n_u = self._inserted.shape
+        self.insert(preallocator, np.zeros((n_cells, n_u, n_u)))
+        for i in range(*self.unknowns.range):
             preallocator.setValue(i, i, 0.0, addv=PETSc.InsertMode.ADD_VALUES)
         if self._far is not None:
             self._insert_far(preallocator, self._far)
@@ -133,7 +122,10 @@ class Problem:
         preallocator.preallocatorPreallocate(self.matrix)
 
     def insert(self, matrix: PETSc.Mat, cells: Array) -> None:
-        """Add cell matrices (n_cells, n_u, n_u); rows and columns of held unknowns are left out."""
+        """Add cell matrices (n_cells, n_u, n_u); rows and columns of idle unknowns are left out."""
+        if self.unknowns.sign is not None:
+            sign = self.unknowns.sign[self.unknowns.in_cells]
+            cells = cells * sign[:, :, None] * sign[:, None, :]
         matrix.setValuesLocalRCV(
             self._inserted, self._inserted, cells, addv=PETSc.InsertMode.ADD_VALUES
         )
@@ -167,33 +159,7 @@ class Problem:
         factor.setMumpsIcntl(24, 1)  # null pivots are counted, not divided by
         factor.setMumpsIcntl(14, 60)  # room for pivoting
 
-    # --- vectors ------------------------------------------------------------------------------
-
-    def global_values(self, state: ShellState) -> Array:
-        """Return the rank's owned values of u = (r, alpha), in global order."""
-        return self.owned_values(state.r, state.alpha)
-
-    def owned_values(self, r: Array, alpha: Array) -> Array:
-        """Return the rank's owned values of positions and angles, in global order."""
-        return np.concatenate([r.ravel(), alpha.ravel()])[self._numbering.owned_local]
-
-    def to_local(self, owned: Array) -> Array:
-        """Return all local values (owned and ghost) from the owned ones (collective)."""
-        with self.vector.localForm() as local:
-            local.array[: len(owned)] = owned
-        self.vector.ghostUpdate(PETSc.InsertMode.INSERT, PETSc.ScatterMode.FORWARD)
-        with self.vector.localForm() as local:
-            values: Array = local.array_r[self._local_slot]
-        return values
-
-    def split(self, local: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Return local values as positions (n_nodes, 3) and angles (n_edges, k)."""
-        degree = self.shell.spaces.degree
-        return local[: self._split].reshape(-1, 3), local[self._split :].reshape(-1, degree)
-
-    def on_cells(self, local: Array) -> Array:
-        """Return local values cell by cell, shape (n_cells, n_u)."""
-        return local[self.cell_unknowns]
+    # --- states -------------------------------------------------------------------------------
 
     def with_mean_directors(self, guess: ShellState, last: ShellState) -> ShellState:
         """Return an extrapolated state on its mean directors; held edges keep theirs (collective).
@@ -202,23 +168,13 @@ class Problem:
             guess: Extrapolated state.
             last: Last accepted state, whose held directors stay.
         """
-        _, held = self.split(self.held)
+        _, held = self.unknowns.split(self.unknowns.held)
         turned = self.shell.with_mean_directors(guess)
         return replace(
             turned,
             alpha=np.where(held, last.alpha, turned.alpha),
             director=np.where(held[:, :, None], last.director, turned.director),
         )
-
-    def assemble_vector(self, cells: Array, out: PETSc.Vec) -> None:
-        """Add up cell vectors into ``out``; held unknowns get zero (collective)."""
-        n_local = len(self._numbering.local_to_global)
-        summed = np.bincount(self.cell_unknowns.ravel(), weights=cells.ravel(), minlength=n_local)
-        summed[self.held] = 0.0
-        with self.vector.localForm() as local:
-            local.array[self._local_slot] = summed
-        self.vector.ghostUpdate(PETSc.InsertMode.ADD, PETSc.ScatterMode.REVERSE)
-        out.array[:] = self.vector.array_r
 
     def norm(self, owned: Array) -> float:
         """Return the Euclidean norm of values spread over the ranks (collective)."""
@@ -243,15 +199,15 @@ class Problem:
     def _soft_springs(self) -> PETSc.Vec:
         """Return the stiffness of the medium at the nodes, nought for angles (collective)."""
         areas = np.repeat(self.shell.nodal_areas(), 3, axis=1)
-        angles = self.cell_unknowns.shape[1] - areas.shape[1]
+        angles = self._inserted.shape[1] - areas.shape[1]
         cells = np.concatenate([areas, np.zeros((len(areas), angles))], axis=1)
         springs = self.vector.duplicate()
-        self.assemble_vector(MEDIUM * cells, springs)
+        self.unknowns.add_cells(MEDIUM * cells, springs, power=2)
         return springs
 
     def _from_reference(self, state: ShellState) -> Array:
-        start = np.concatenate([self.shell.reference.ravel(), state.alpha.ravel()])
-        return self.global_values(state) - start[self._numbering.owned_local]
+        still = np.zeros_like(state.alpha)
+        return self.unknowns.owned_values(state.r - self.shell.reference, still)
 
     def energy(self, state: ShellState) -> float:
         """Return the energy of shell, contact and medium (collective)."""
@@ -263,16 +219,37 @@ class Problem:
 
     def assemble_gradient(self, cells: CondensedCells, state: ShellState, out: PETSc.Vec) -> None:
         """Add up the gradient of cells, contact and medium into ``out`` (collective)."""
-        self.assemble_vector(cells.gradient, out)
+        self.unknowns.add_cells(cells.gradient, out)
         if self._springs is not None:
             out.array[:] += self._springs.array_r * self._from_reference(state)
+        pushed = self._pushed(state, self.unknowns)
+        if pushed is not None:
+            out.axpy(1.0, pushed)
+
+    def _pushed(self, state: ShellState, unknowns: Unknowns) -> PETSc.Vec | None:
+        """Return the gradient of contact, None where nothing touches (collective)."""
         contact = self._awake()
         forces = None if contact is None else contact.gradient(state)
-        if forces is not None:
-            local = np.zeros(len(self._numbering.local_to_global))
-            local[: self._split] = forces.ravel()
-            local[self.held] = 0.0
-            out.array[:] += local[self._numbering.owned_local]
+        if forces is None:
+            return None
+        pushed = unknowns.vector.duplicate()
+        unknowns.add_own(unknowns.joined(forces, np.zeros_like(state.alpha)), pushed)
+        return pushed
+
+    def force_across_mirrors(self, state: ShellState) -> float:
+        """Return the largest force or moment that keeping mirrors takes up (collective).
+
+        Args:
+            state: A state that keeps them, in local equilibrium.
+        """
+        gradient = self._every.vector.duplicate()
+        self._every.add_cells(self.shell.condensed(state).gradient, gradient)
+        pushed = self._pushed(state, self._every)
+        if pushed is not None:
+            gradient.axpy(1.0, pushed)
+        every = self._every.to_local(gradient.array_r)
+        part = self.unknowns.symmetric_part(*self.unknowns.split(every))
+        return self.largest(np.abs(every - self.unknowns.to_local(part)))
 
     def contact_stiffness(self, state: ShellState, convex: bool = False) -> sparse.csr_array | None:
         """Return the Hessian of contact for ``assemble_tangent`` (collective).
@@ -303,7 +280,9 @@ class Problem:
         return contact is None or contact.free_fraction(before, after) >= 1.0
 
     def _insert_far(self, matrix: PETSc.Mat, far: sparse.csr_array) -> None:
-        """Add a matrix over all nodes' coordinates; held unknowns receive nothing."""
+        """Add a matrix over all nodes' coordinates; idle unknowns receive nothing."""
+        if self.unknowns.sign is not None:
+            far = sparse.csr_array(self._sign_of_node @ far @ self._sign_of_node)
         index_map = self.shell.spaces.position.dofmap.index_map
         first, last = (3 * end for end in index_map.local_range)
         rows = far[first:last]
@@ -364,7 +343,7 @@ class Problem:
         self.insert(matrix, cells)
         if far is not None:
             self._insert_far(matrix, far)
-        for i in self._held_owned:
+        for i in self.unknowns.idle_owned:
             matrix.setValue(i, i, 1.0, addv=PETSc.InsertMode.ADD_VALUES)
         matrix.assemble()
 
@@ -386,7 +365,7 @@ class Problem:
     def inertia(self) -> Inertia | None:
         """Return the inertia of the factorised tangent, None where it is not symmetric.
 
-        Held unknowns count as positive.
+        Idle unknowns count as positive.
         """
         if not self.symmetric:
             return None
@@ -396,7 +375,7 @@ class Problem:
         """Return the inertia of (H + H^T)/2 (collective).
 
         Where none of its eigenvalues is negative, no eigenvalue of H has a negative real part; the
-        converse does not hold.  Held unknowns count as positive.
+        converse does not hold.  Idle unknowns count as positive.
 
         Args:
             cells: The condensed cells that H is assembled from.

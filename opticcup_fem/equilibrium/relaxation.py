@@ -218,7 +218,9 @@ class EnergyDescent:
         """
         problem, motion = self.problem, self._step
         still = np.zeros_like(state.alpha)
-        motion.array[:] = problem.owned_values(_without_symmetry(problem.shell.reference), still)
+        motion.array[:] = problem.unknowns.symmetric_part(
+            _without_symmetry(problem.shell.reference), still
+        )
         weighed, curvature = motion.duplicate(), np.inf
         for _ in range(MOST_SOLVES):
             motion.scale(1 / np.sqrt(self._square(motion)))
@@ -229,7 +231,7 @@ class EnergyDescent:
                 break
         if curvature >= 0:
             return None
-        dr, dalpha = problem.split(problem.to_local(motion.array_r))
+        dr, dalpha = problem.unknowns.split(problem.unknowns.to_local(motion.array_r))
         longest = problem.largest(np.linalg.norm(dr, axis=1))
         for amount in FIRST_MOVES:
             for sign in (1, -1):
@@ -254,8 +256,8 @@ class EnergyDescent:
         problem, shell = self.problem, self.problem.shell
         problem.ksp.solve(self._gradient, self._step)
         slope = -self._gradient.dot(self._step)
-        local = problem.to_local(-self._step.array_r)
-        dr, dalpha = problem.split(local)
+        local = problem.unknowns.to_local(-self._step.array_r)
+        dr, dalpha = problem.unknowns.split(local)
         longest = problem.largest(np.linalg.norm(dr, axis=1))
         fraction = min(1.0, self.max_move / longest) if longest > 0 else 1.0
         fraction *= problem.free_fraction(state, fraction * dr)

@@ -8,6 +8,7 @@ every equilibrium; they are deflated, and are no instabilities.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from petsc4py import PETSc
@@ -34,6 +35,9 @@ TOLERANCE = 1e-10
 TURN = 1e-5
 """Angle by which the rigid rotations are differentiated, radians."""
 
+LEAST_MOTION = 1e-6
+"""Norm of what is left of a rigid motion, of size 1 at every node, that keeps no mirror."""
+
 
 @dataclass(frozen=True)
 class Mode:
@@ -57,16 +61,23 @@ class Mode:
 class Spectrum:
     """Eigenvalues and modes of a shell's equilibria."""
 
-    def __init__(self, shell: Shell, held: NDArray[np.bool_] | None = None) -> None:
+    def __init__(
+        self,
+        shell: Shell,
+        held: NDArray[np.bool_] | None = None,
+        mirrors: Sequence[int] = (),
+    ) -> None:
         """Allocate (collective).
 
         Args:
             shell: The shell.
             held: Mask of held unknowns that leaves no rigid motion (``shell.supports``); None for
                 a shell that floats freely.
+            mirrors: Planes x_i = 0 that all motions keep as mirrors.
         """
         self.shell, self._floats = shell, held is None
-        self.problem = Problem(shell, free(shell) if held is None else held)
+        supports = free(shell) if held is None else held
+        self.problem = Problem(shell, supports, mirrors=mirrors)
         self._mass = consistent_mass(self.problem)
 
     def modes(self, state: ShellState, count: int = 8) -> list[Mode]:
@@ -82,8 +93,7 @@ class Spectrum:
         problem = self.problem
         problem.assemble_tangent(self.shell.condensed(state))
         eps = self._solver(count)
-        rigid = [self._global(*motion) for motion in self.rigid_motions(state)]
-        eps.setDeflationSpace(rigid)
+        eps.setDeflationSpace(self._rigid(state))
         eps.solve()
         if eps.getConverged() < count:
             reason = f"{eps.getConverged()} of {count} eigenvalues converged"
@@ -102,7 +112,7 @@ class Spectrum:
         """
         still = np.zeros_like(state.alpha)
         u, v = self._global(move, still), self._global(mode.r, still)
-        for motion in self._orthonormal([self._global(*m) for m in self.rigid_motions(state)]):
+        for motion in self._orthonormal(self._rigid(state)):
             u.axpy(-self._inner(motion, u), motion)
         return abs(self._inner(u, v)) / np.sqrt(self._inner(u, u) * self._inner(v, v))
 
@@ -145,14 +155,20 @@ class Spectrum:
     def _mode(self, eps: SLEPc.EPS, i: int) -> Mode:
         vector = self.problem.vector.duplicate()
         value = eps.getEigenpair(i, vector)
-        r, alpha = self.problem.split(self.problem.to_local(vector.array_r.copy()))
+        unknowns = self.problem.unknowns
+        r, alpha = unknowns.split(unknowns.to_local(vector.array_r.copy()))
         longest = self.problem.largest(np.linalg.norm(r, axis=1))
         return Mode(float(np.real(value)), r / longest, alpha / longest)
 
     def _global(self, r: Array, alpha: Array) -> PETSc.Vec:
         vector = self.problem.vector.duplicate()
-        vector.array[:] = self.problem.owned_values(r, alpha)
+        vector.array[:] = self.problem.unknowns.symmetric_part(r, alpha)
         return vector
+
+    def _rigid(self, state: ShellState) -> list[PETSc.Vec]:
+        """Return the rigid motions that keep the mirrors."""
+        motions = [self._global(*motion) for motion in self.rigid_motions(state)]
+        return [motion for motion in motions if motion.norm() > LEAST_MOTION]
 
     def rigid_motions(self, state: ShellState) -> list[tuple[Array, Array]]:
         """Return the rigid motions of a floating shell as (dr, dalpha), none of a held one.

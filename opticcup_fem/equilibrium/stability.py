@@ -43,7 +43,9 @@ class NegativeEigenvalues:
         if inertia is None or problem.symmetric or inertia.negative == 0:
             return None if inertia is None else inertia.negative
         if self._spectrum is None:
-            self._spectrum = Spectrum(problem.shell, problem.held)
+            self._spectrum = Spectrum(
+                problem.shell, problem.unknowns.held, problem.unknowns.mirrors
+            )
         try:
             modes = self._spectrum.modes(state, inertia.negative + MARGIN)
         except ConvergenceError:

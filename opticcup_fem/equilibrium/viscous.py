@@ -75,7 +75,8 @@ class ViscousRelaxation:
 
     def _speed(self, before: ShellState, after: ShellState, step: float) -> float:
         """Return |F| of a backward Euler step, which is |M du|/dtau."""
-        move = self.problem.global_values(after) - self.problem.global_values(before)
+        dr, dalpha = after.r - before.r, after.alpha - before.alpha
+        move = self.problem.unknowns.owned_values(dr, dalpha)
         return self.problem.norm(self._mass.array_r * move) / step
 
     def _ended(

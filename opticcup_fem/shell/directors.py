@@ -35,6 +35,7 @@ class EdgeDirectors:
         k = spaces.degree
         points = spaces.edge_reference_points().reshape(-1, 2)
         self._gradient = spaces.gradient_operator(points)
+        self._values = spaces.position_table(points)
         corners = spaces.coordinates
         run = corners[:, EDGE_VERTICES[:, 1]] - corners[:, EDGE_VERTICES[:, 0]]
         ccw = np.array([1.0, -1.0, 1.0]) * spaces.orientation[:, None]
@@ -75,6 +76,12 @@ class EdgeDirectors:
         spaces = self._spaces
         base = np.einsum("cqna,cni->cqai", self._gradient, r[spaces.nodes])
         return base.reshape(spaces.n_cells, 3, spaces.degree, 2, 3)
+
+    def places(self, r: Array) -> Array:
+        """Return the positions of the edges' Gauss points, shape (n_edges, k, 3) (collective)."""
+        spaces = self._spaces
+        values = np.einsum("qn,cni->cqi", self._values, r[spaces.nodes])
+        return self._shared(self.from_cells(values.reshape(spaces.n_cells, 3, -1, 3)))
 
     def tangents(self, r: Array) -> Array:
         """Return the current unit edge tangents, low to high vertex, shape (n_edges, k, 3)."""

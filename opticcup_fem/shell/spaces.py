@@ -214,11 +214,14 @@ class GlobalNumbering:
         local_to_global: Global number of every local unknown, shape (n_local,).
         owned: Number of owned unknowns.
         owned_local: Local numbers of the owned unknowns in global order, shape (owned,).
+        sign: Factor of every local unknown on the global one, where these are images of each
+            other (``shell.mirrors``), shape (n_local,); else None.
     """
 
     local_to_global: Index
     owned: int
     owned_local: Index
+    sign: NDArray[np.float64] | None = None
 
 
 def number_unknowns(spaces: ShellSpaces) -> GlobalNumbering:

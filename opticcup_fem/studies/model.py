@@ -192,7 +192,8 @@ def stepping_of(case: Case, shell: Shell) -> Stepping:
     contact = contact_of(case, shell)
     beside_obstacles = contact is not None and contact.has_obstacles
     held = free(shell) if beside_obstacles else rigid_modes_of_cup(shell)
-    problem = Problem(shell, held, contact)
+    mirrors = (0, 1) if case.run.keep_mirrors else ()
+    problem = Problem(shell, held, contact, mirrors)
     iterations, wandering = solver.max_iterations, WANDERING
     if case.run.follow != "stable":  # beside a bifurcation a good iteration is long, and wanders
         iterations, wandering = max(PATIENCE, iterations), math.inf

@@ -17,7 +17,8 @@ from opticcup_fem.wavenumbers import AxisymmetricPart, AzimuthalContent, azimuth
 
 def critical_points_of(shell: Shell, newton: MixedNewton) -> CriticalPoints:
     """Return what localises and classifies the critical points of a cup (collective)."""
-    return CriticalPoints(Spectrum(shell), newton, classifier(shell), symmetriser(shell))
+    spectrum = Spectrum(shell, mirrors=newton.problem.unknowns.mirrors)
+    return CriticalPoints(spectrum, newton, classifier(shell), symmetriser(shell))
 
 
 def symmetriser(shell: Shell) -> Symmetrise:

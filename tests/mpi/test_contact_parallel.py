@@ -10,7 +10,7 @@ import pytest
 from opticcup_fem.errors import InterruptedRun
 from opticcup_fem.records import read_path
 from opticcup_fem.studies import cup
-from tests.support.cups import BETWEEN_PLATES
+from tests.support.cups import BETWEEN_PLATES, SLIT
 from tests.support.interrupted import stop_after
 
 pytestmark = [pytest.mark.mpi, pytest.mark.slow]
@@ -48,4 +48,15 @@ def test_contact_together_alone_and_resumed(
         )
         assert alone.ok
         compare(folder / "together", folder / "resumed")
+    comm.Barrier()
+
+
+def test_slit_between_mirrors_together_and_alone(tmp_path: Path) -> None:
+    """Images of an unknown lie on any rank; the rims that touch are images of each other."""
+    comm = MPI.COMM_WORLD
+    folder = Path(comm.bcast(str(tmp_path)))
+    assert cup.run(SLIT, folder / "together", quiet=True).ok
+    if comm.rank == 0:
+        assert cup.run(SLIT, folder / "alone", quiet=True, comm=MPI.COMM_SELF).ok
+        compare(folder / "together", folder / "alone")
     comm.Barrier()

@@ -36,6 +36,15 @@ BETWEEN_PLATES = coarse_case(
 )
 """Grows until it touches two plates, one of which moves; touches after its second state."""
 
+SLIT = coarse_case(
+    20.0,
+    t_end=0.26,
+    run={"keep_mirrors": True},
+    contact={"mode": "resist", "distance": 1.0},
+    output={"times": [0.26]},
+)
+"""Loses its symmetry near 0.248 and becomes a slit whose rims touch, between two mirrors."""
+
 
 def coarse_arguments(keys: Sequence[str] = tuple(COARSE)) -> list[str]:
     """Return the coarse mesh as command-line overrides."""

@@ -170,10 +170,40 @@ def test_default_thickness_rule_follows_the_closure(closure, points):
     assert parse_case({"material": material}).material.thickness_points == (3, 6, 8)
 
 
-@pytest.mark.parametrize(("follow", "planes"), [("stable", 0), ("axisymmetric", 4), ("branch", 4)])
-def test_default_symmetry_of_the_mesh_follows_the_path(follow, planes):
-    assert parse_case({"run": {"follow": follow}}).mesh.symmetry == planes
-    given = {"run": {"follow": follow}, "mesh": {"symmetry": 6}}
+@pytest.mark.parametrize(
+    ("tables", "parts"),
+    [
+        ({"run": {"follow": "branch"}}, ["run.keep_mirrors = true", 'run.follow = "stable"']),
+        ({"run": {"model": "meridian"}}, ["run.keep_mirrors = true", 'run.model = "surface"']),
+        ({"mesh": {"symmetry": 3}}, ["mesh.symmetry = 3", "take 4"]),
+        ({"mesh": {"symmetry": 0}}, ["mesh.symmetry = 0", "take 4"]),
+        (
+            {"contact": {"mode": "resist", "obstacles": [{"kind": "sphere", "centre": [0, 0, 3]}]}},
+            ["run.keep_mirrors = true", "no obstacles"],
+        ),
+    ],
+)
+def test_mirrors_that_cannot_be_kept_are_explained(tables, parts):
+    run = {**tables.get("run", {}), "keep_mirrors": True}
+    with pytest.raises(CaseError) as caught:
+        parse_case({**tables, "run": run})
+    assert is_one_sentence(str(caught.value))
+    for part in parts:
+        assert part in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("run", "planes"),
+    [
+        ({"follow": "stable"}, 0),
+        ({"follow": "axisymmetric"}, 4),
+        ({"follow": "branch"}, 4),
+        ({"keep_mirrors": True}, 4),
+    ],
+)
+def test_default_symmetry_of_the_mesh_follows_the_path(run, planes):
+    assert parse_case({"run": run}).mesh.symmetry == planes
+    given = {"run": run, "mesh": {"symmetry": 6}}
     assert parse_case(given).mesh.symmetry == 6
 
 

@@ -75,12 +75,12 @@ def test_gradient_and_tangent_are_derivatives_of_the_energy(shell: Shell) -> Non
     far = problem.contact_stiffness(state)
     assert far is not None
     problem.assemble_tangent(cells, far)
-    local = np.zeros(len(problem.held))
+    local = np.zeros(len(problem.unknowns.held))
     local[: state.r.size] = np.random.default_rng(4).normal(size=state.r.size)
-    local[problem.held] = 0.0
-    dr, dalpha = problem.split(local)
+    local[problem.unknowns.held] = 0.0
+    dr, dalpha = problem.unknowns.split(local)
     direction = problem.vector.duplicate()
-    direction.array[:] = problem.global_values(replace(state, r=dr, alpha=dalpha))
+    direction.array[:] = problem.unknowns.owned_values(dr, dalpha)
     image = direction.duplicate()
     problem.matrix.mult(direction, image)
     slope, bend = gradient.dot(direction), direction.dot(image)

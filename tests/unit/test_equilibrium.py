@@ -84,7 +84,7 @@ def test_held_unknowns_have_no_reaction(
     """The six held components carry no force: without supports the residual is zero too."""
     shell.set_time(T)
     unheld = Problem(shell, free(shell))
-    unheld.assemble_vector(shell.gradient(equilibrium), unheld.vector)
+    unheld.unknowns.add_cells(shell.gradient(equilibrium), unheld.vector)
     assert np.abs(unheld.vector.array_r).max() < 1e-7
 
 
@@ -112,7 +112,7 @@ def test_relaxations_find_the_equilibrium(
     """Energy descent and viscous flow from a disturbed state end where Newton ends."""
     shell.set_time(T)
     x, y, _ = shell.reference.T
-    held = problem.held[: 3 * len(shell.reference)].reshape(-1, 3)
+    held = problem.unknowns.held[: 3 * len(shell.reference)].reshape(-1, 3)
     push = np.where(held, 0.0, np.column_stack([0.02 * x * y, 0 * x, 0.03 * (x**2 - y**2)]))
     disturbed = replace(equilibrium, r=equilibrium.r + push)
     energy = shell.energy(shell.with_local_equilibrium(equilibrium))

@@ -52,8 +52,8 @@ def whole_system(shell: Shell, problem: Problem, state: ShellState) -> tuple[Arr
     cells = shell.condensed(state)
     blocks = {name: kernel(cells.data) for name, kernel in cells.kernels.items()}
     n_cells, n_k = state.kappa.shape
-    n_u = problem.cell_unknowns.max() + 1
-    u, d = problem.cell_unknowns, shell.spaces.det_j
+    n_u = problem.unknowns.in_cells.max() + 1
+    u, d = problem.unknowns.in_cells, shell.spaces.det_j
     n_r = 3 * shell.spaces.nodes.shape[1]
     first = n_u + np.arange(n_cells)[:, None] * n_k + np.arange(n_k)
     k, s = first, first + n_cells * n_k
@@ -103,7 +103,7 @@ def test_step_is_that_of_the_whole_system(closure):
     step[free] = -np.linalg.solve(tangent[np.ix_(free, free)], residual[free])
     after = MixedNewton(problem, max_iterations=1).solve(state).state
     n_u, n_kappa = held.size, state.kappa.size
-    dr, dalpha = problem.split(step[:n_u])
+    dr, dalpha = problem.unknowns.split(step[:n_u])
     dkappa, dsigma = (part.reshape(state.kappa.shape) for part in np.split(step[n_u:], [n_kappa]))
     for mine, yours in (
         (after.r - state.r, dr),

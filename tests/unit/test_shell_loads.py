@@ -54,8 +54,8 @@ def sum_of_forces(shell: Shell, state: ShellState) -> Array:
     problem = Problem(shell, free(shell))
     force = problem.vector.duplicate()
     bare = replace(state, sigma=np.zeros_like(state.sigma))
-    problem.assemble_vector(-shell.gradient(bare), force)
-    positions, _ = problem.split(problem.to_local(force.array_r))
+    problem.unknowns.add_cells(-shell.gradient(bare), force)
+    positions, _ = problem.unknowns.split(problem.unknowns.to_local(force.array_r))
     return positions.sum(axis=0)
 
 
@@ -119,8 +119,8 @@ def test_interior_curve_is_loaded_from_the_side_that_is_named():
 
     def angles(shell: Shell) -> Array:
         force = problem.vector.duplicate()
-        problem.assemble_vector(shell.gradient(state) - bare.gradient(state), force)
-        return problem.split(problem.to_local(force.array_r))[1]
+        problem.unknowns.add_cells(shell.gradient(state) - bare.gradient(state), force)
+        return problem.unknowns.split(problem.unknowns.to_local(force.array_r))[1]
 
     assert np.count_nonzero(angles(one)) == 13 * 3  # the interface's edges
     np.testing.assert_allclose(angles(both), 0.0, atol=1e-14)
@@ -218,8 +218,8 @@ def test_energy_residual_and_tangent_of_each_load_agree(load):
     problem = Problem(shell, free(shell))
     direction = np.random.default_rng(11).normal(size=free(shell).size)
     direction[hinged(shell, "rim")] = 0.0
-    dr, dalpha = problem.split(direction)
-    in_cells = problem.on_cells(direction)
+    dr, dalpha = problem.unknowns.split(direction)
+    in_cells = direction[problem.unknowns.in_cells]
     slope = np.sum(shell.gradient(state) * in_cells)
     bend = np.einsum("ci,cij,cj->", in_cells, shell.condensed(state).hessian, in_cells)
     sizes, first, second = 2e-4 * 0.5 ** np.arange(4), [], []

@@ -124,8 +124,8 @@ def test_taylor_remainders_of_the_energy(closure):
     state = disturbed(shell, 3e-4)
     problem = Problem(shell, free(shell))
     direction = np.random.default_rng(5).normal(size=free(shell).size)
-    dr, dalpha = problem.split(direction)
-    in_cells = problem.on_cells(direction)
+    dr, dalpha = problem.unknowns.split(direction)
+    in_cells = direction[problem.unknowns.in_cells]
     energy = shell.energy(state)
     slope = np.sum(shell.gradient(state) * in_cells)
     bend = np.einsum("ci,cij,cj->", in_cells, shell.condensed(state).hessian, in_cells)
@@ -147,10 +147,10 @@ def test_taylor_remainder_of_the_residual(closure):
     state = disturbed(shell, 3e-4)
     problem = Problem(shell, free(shell))
     direction = np.random.default_rng(6).normal(size=free(shell).size)
-    dr, dalpha = problem.split(direction)
+    dr, dalpha = problem.unknowns.split(direction)
     cells = shell.condensed(state)
     np.testing.assert_allclose(shell.gradient(state), cells.gradient, atol=1e-14)
-    product = np.einsum("cij,cj->ci", cells.hessian, problem.on_cells(direction))
+    product = np.einsum("cij,cj->ci", cells.hessian, direction[problem.unknowns.in_cells])
     sizes = 1e-4 * 0.5 ** np.arange(4)
     remainders = []
     for size in sizes:
@@ -179,13 +179,13 @@ def test_closures_without_energy_differ_from_their_density(closure):
     state = disturbed(shell, 3e-4)
     problem = Problem(shell, free(shell))
     direction = np.random.default_rng(7).normal(size=free(shell).size)
-    dr, dalpha = problem.split(direction)
+    dr, dalpha = problem.unknowns.split(direction)
     step = 1e-6
     ahead, behind = (
         shell.energy(shell.with_local_equilibrium(moved(state, s * dr, s * dalpha)))
         for s in (step, -step)
     )
-    work = np.sum(shell.gradient(state) * problem.on_cells(direction))
+    work = np.sum(shell.gradient(state) * direction[problem.unknowns.in_cells])
     assert abs((ahead - behind) / (2 * step) - work) > 1e-4 * abs(work)
 
 
@@ -232,11 +232,11 @@ def test_a_free_shell_in_equilibrium_has_six_zero_modes():
         turn = np.concatenate([np.cross(axis, state.r).ravel(), (tangents @ axis).ravel()])
         for motion in (shift, turn):
             force = problem.vector.duplicate()
-            problem.assemble_vector(
+            problem.unknowns.add_cells(
                 np.einsum(
                     "cij,cj->ci",
                     shell.condensed(state).hessian,
-                    problem.on_cells(motion),
+                    motion[problem.unknowns.in_cells],
                 ),
                 force,
             )
@@ -258,7 +258,7 @@ def test_supports_of_the_cup_carry_no_force():
     shell, state = relaxed()
     problem = Problem(shell, free(shell))
     force = problem.vector.duplicate()
-    problem.assemble_vector(shell.gradient(shell.with_local_equilibrium(state)), force)
+    problem.unknowns.add_cells(shell.gradient(shell.with_local_equilibrium(state)), force)
     assert problem.norm(force.array_r) < 1e-10  # 100 times the solver's tolerance
 
 

@@ -50,7 +50,7 @@ class Grown:
         problem = Problem(self.shell, held)
         problem.assemble_tangent(self.shell.condensed(self.state))
         numbers = np.zeros(problem.matrix.getSize()[0], dtype=bool)
-        numbers[problem._numbering.local_to_global[held]] = True
+        numbers[problem.unknowns.numbers[held]] = True
         kept = np.ix_(~numbers, ~numbers)
         return dense(problem.matrix)[kept], dense(consistent_mass(problem))[kept]
 
@@ -78,7 +78,7 @@ def eigenvalues(modes: list[Mode]) -> Array:
 def vector(problem: Problem, r: Array, alpha: Array) -> PETSc.Vec:
     """Return a motion as a vector of the problem."""
     made = problem.vector.duplicate()
-    made.array[:] = problem.owned_values(r, alpha)
+    made.array[:] = problem.unknowns.owned_values(r, alpha)
     return made
 
 
@@ -212,7 +212,7 @@ def test_consistent_mass_is_positive_and_leaves_out_what_is_held(grown: Grown) -
     held = rigid_modes_of_cup(grown.shell)
     problem = Problem(grown.shell, held)
     mass = dense(consistent_mass(problem))
-    numbers = problem._numbering.local_to_global[held]
+    numbers = problem.unknowns.numbers[held]
     assert np.abs(mass[numbers]).max() == 0 == np.abs(mass[:, numbers]).max()
     _, M = grown.matrices(held)
     assert linalg.eigvalsh(M).min() > 0
