@@ -10,7 +10,7 @@ are those of the state itself (``equilibrium.newton``).  Where the normals point
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from mpi4py import MPI
 
@@ -18,19 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from opticcup_fem.contact.barrier import Barrier
 from opticcup_fem.contact.faces import FaceVariations, ShellFaces, face_heights
 from opticcup_fem.contact.gather import NodeGather
 from opticcup_fem.contact.obstacles import Obstacle
-from opticcup_fem.contact.surface import ContactSurface
+from opticcup_fem.contact.potential import ContactSettings, Placed, Potential
 from opticcup_fem.errors import CaseError
 from opticcup_fem.shell.model import ContactData, Shell, ShellState
 from opticcup_fem.snapshot import NODES, Integers
 
 Array = NDArray[np.float64]
-
-EXEMPT = 1.5
-"""Parts nearer than this many thicknesses in the reference surface cannot touch."""
 
 SAFE = 0.8
 """Share of the way to a collision that a step may go."""
@@ -46,21 +42,6 @@ MOST_CUTS = 20
 """Times that a way is shortened until it is free."""
 
 
-@dataclass(frozen=True)
-class ContactSettings:
-    """How contact is resisted.
-
-    Attributes:
-        distance: Gap at which the barrier begins, unit of length of the mesh.
-        stiffness: Stress scale of the barrier.
-        parts: Parts of each cell's edge in the collision mesh.
-    """
-
-    distance: float
-    stiffness: float
-    parts: int = 3
-
-
 class Contact:
     """Barrier between the parts of a shell, and between it and obstacles.
 
@@ -69,12 +50,16 @@ class Contact:
         settings: Barrier and collision mesh.
         has_obstacles: Whether there are any.
         gather: Numbers of all nodes.
-        barrier: The barrier on rank 0, None elsewhere.
+        potential: The potential on rank 0, None elsewhere.
         faces: The shell's faces on rank 0, None elsewhere.
     """
 
     def __init__(
-        self, shell: Shell, settings: ContactSettings, obstacles: Sequence[Obstacle] = ()
+        self,
+        shell: Shell,
+        settings: ContactSettings,
+        obstacles: Sequence[Obstacle] = (),
+        mirrors: Sequence[int] = (),
     ) -> None:
         """Build the collision mesh on rank 0 (collective).
 
@@ -82,6 +67,7 @@ class Contact:
             shell: The shell.
             settings: Barrier and collision mesh.
             obstacles: Rigid bodies.
+            mirrors: Planes x_i = 0 that the deformation keeps as mirrors.
 
         Raises:
             CaseError: An obstacle overlaps the shell in its reference position.
@@ -89,38 +75,38 @@ class Contact:
         self.shell, self.settings = shell, settings
         self.comm, self.has_obstacles = shell.comm, len(obstacles) > 0
         self.gather = NodeGather(shell.spaces)
-        self._placed: tuple[ShellState, Array] | None = None
+        self._placed: tuple[ShellState, Placed | None] | None = None
         self._pushed: tuple[ShellState, Array | None] | None = None
         reference = self.gather.to_root(shell.reference)
         orientation = self.gather.cell_values(shell.spaces.orientation)
         gradient = self.gather.cell_values(shell.spaces.gradient_operator(NODES))
-        self.barrier: Barrier | None = None
+        self.potential: Potential | None = None
         self.faces: ShellFaces | None = None
         if self.comm.rank == 0:
             self.faces = ShellFaces(self.gather.cells, gradient, len(reference))
-            surface = ContactSurface(
+            self.potential = Potential(
                 reference,
                 self.gather.cells,
                 orientation,
-                EXEMPT * shell.thickness,
-                settings.parts,
+                shell.thickness,
+                settings,
                 obstacles,
+                mirrors,
             )
-            self.barrier = Barrier(surface, settings.distance, settings.stiffness)
         self._check_start()
 
     def _check_start(self) -> None:
         start = self.shell.reference_state()
-        vertices = self._vertices(self._present(start), start.r)
+        placed = self._place(self._present(start), start.r)
         fault = ""
-        if self.barrier is not None:
+        if self.potential is not None and placed is not None:
             half = self.shell.thickness / 2
-            if self.barrier.crosses(vertices) or self.barrier.surface.holds_obstacle(half):
+            if self.potential.crosses(placed) or self.potential.holds_obstacle(half):
                 fault = (
                     "an obstacle overlaps the shell at the start: move it away by at least half "
                     "the shell's thickness"
                 )
-            elif self.barrier.gap(vertices) < np.inf:
+            elif self.potential.gap(placed) < np.inf:
                 reach = self.settings.distance
                 fault = (
                     f"an obstacle is nearer to the shell at the start than the barrier reaches, "
@@ -155,28 +141,30 @@ class Contact:
         goal = replace(after, contact=replace(self._present(after), touches=False))
         start, end = self._of(before), self._of(goal)
         clear = True
-        if self.barrier is not None:
-            clear = self.barrier.free_fraction(start, end, self.barrier.distance) >= 1.0
+        if self.potential is not None and start is not None and end is not None:
+            clear = self.potential.free_fraction(start, end, self.potential.distance) >= 1.0
         return goal if self.comm.bcast(clear) else None
 
-    def _vertices(self, data: ContactData, r: Array) -> Array:
-        """Return the places of all vertices on rank 0, nothing elsewhere (collective)."""
+    def _place(self, data: ContactData, r: Array) -> Placed | None:
+        """Return where the faces are on rank 0, None elsewhere (collective)."""
         nodes, heights = self.gather.to_root(r), self.gather.to_root(data.heights)
-        if self.barrier is None or self.faces is None:
-            return nodes
-        return self.barrier.surface.vertices(self.faces.places(nodes, heights), data.time)
+        if self.potential is None or self.faces is None:
+            return None
+        return self.potential.placed(self.faces.places(nodes, heights), data.time)
 
-    def _of(self, state: ShellState) -> Array:
-        """Return the vertices of a state, those of the last one asked for at once (collective)."""
+    def _of(self, state: ShellState) -> Placed | None:
+        """Return the places of a state, those of the last one asked for at once (collective)."""
         if self._placed is None or self._placed[0] is not state:
             assert state.contact is not None
-            self._placed = state, self._vertices(state.contact, state.r)
+            self._placed = state, self._place(state.contact, state.r)
         return self._placed[1]
 
     def energy(self, state: ShellState) -> float:
         """Return the energy of the barrier (collective)."""
-        vertices = self._of(state)
-        return float(self.comm.bcast(self.barrier.energy(vertices) if self.barrier else 0.0))
+        placed, energy = self._of(state), 0.0
+        if self.potential is not None and placed is not None:
+            energy = self.potential.energy(placed)
+        return float(self.comm.bcast(energy))
 
     def forces(self, state: ShellState) -> Array | None:
         """Return -dE_c/dx of both faces at all nodes on rank 0 (collective).
@@ -185,42 +173,53 @@ class Contact:
             Shape (2, n_nodes, 3), the inner face first; None on other ranks and where nothing
             touches.
         """
+        forces = self._forces_of_part(state)
+        return None if forces is None or self.potential is None else self.potential.of_all(forces)
+
+    def _forces_of_part(self, state: ShellState) -> Array | None:
+        """Return the forces in the energy of the part that stands for its images (collective)."""
         if self._pushed is None or self._pushed[0] is not state:
-            vertices = self._of(state)
-            slope = self.barrier.gradient(vertices) if self.barrier else None
+            placed, slope = self._of(state), None
+            if self.potential is not None and placed is not None:
+                slope = self.potential.gradient(placed)
             self._pushed = state, None if slope is None else -slope
         return self._pushed[1]
 
     def gradient(self, state: ShellState) -> Array | None:
         """Return dE_c/dr at the rank's nodes, None where nothing touches (collective)."""
-        forces, value = self.forces(state), None
+        forces, value = self._forces_of_part(state), None
         touched = None if forces is None else np.flatnonzero(np.any(forces != 0, axis=(0, 2)))
         variations = self._variations(state, touched)
-        if variations is not None and forces is not None:
-            value = -(variations.first().T @ forces.ravel()).reshape(-1, 3)
+        if variations is not None and forces is not None and self.potential is not None:
+            slope = -(variations.first().T @ forces.ravel()).reshape(-1, 3)
+            value = self.potential.of_all(slope)
         return self.gather.from_root(value) if self.comm.bcast(value is not None) else None
 
     def hessian(self, state: ShellState, convex: bool = False) -> sparse.csr_array | None:
         """Return d2E_c/dr2 in all nodes on every rank, None where nothing touches (collective).
+
+        With mirrors it is that of all images' energy in the positions of the part that stands for
+        them: what is folded by the mirrors afterwards is the same.
 
         Args:
             state: The state.
             convex: Leave out what contact that turns or faces that turn have of negative
                 stiffness: for descent, where the tangent must have none.
         """
-        forces, vertices = self.forces(state), self._of(state)
-        stiffness = self.barrier.hessian(vertices, convex) if self.barrier else None
+        forces, placed, stiffness = self._forces_of_part(state), self._of(state), None
+        if self.potential is not None and placed is not None:
+            stiffness = self.potential.hessian(placed, convex)
         touched = None
         if forces is not None and stiffness is not None:
             rows = np.diff(stiffness.indptr).reshape(forces.shape)
             touched = np.flatnonzero(np.any((rows > 0) | (forces != 0), axis=(0, 2)))
         variations, value = self._variations(state, touched), None
-        if variations is not None and forces is not None:
+        if variations is not None and forces is not None and self.potential is not None:
             first = variations.first()
             value = first.T @ stiffness @ first
             if not convex:
                 value = value - variations.second(forces)
-            value = sparse.csr_array(value)
+            value = self.potential.images * sparse.csr_array(value)
             value.eliminate_zeros()
         return self.comm.bcast(value)
 
@@ -244,10 +243,12 @@ class Contact:
         """
         first, last = self._of(start), self._of(end)
         apart, share = 0.0, 1.0
-        if self.barrier is not None and keep:
-            apart = keep * min(self.barrier.gap(first), self.barrier.distance)
+        if self.potential is not None and first is not None and keep:
+            apart = keep * min(self.potential.gap(first), self.potential.distance)
         for _ in range(MOST_CUTS):
-            free = self.barrier.free_fraction(first, last, apart) if self.barrier else 1.0
+            free = 1.0
+            if self.potential is not None and first is not None and last is not None:
+                free = self.potential.free_fraction(first, last, apart)
             free = float(self.comm.bcast(free))
             if free >= 1.0:
                 return share
@@ -257,15 +258,17 @@ class Contact:
 
     def gap(self, state: ShellState) -> float:
         """Return the least gap between faces, inf where it exceeds the barrier's (collective)."""
-        vertices = self._of(state)
-        return float(self.comm.bcast(self.barrier.gap(vertices) if self.barrier else np.inf))
+        placed, gap = self._of(state), np.inf
+        if self.potential is not None and placed is not None:
+            gap = self.potential.gap(placed)
+        return float(self.comm.bcast(gap))
 
     # --- ways to a state ----------------------------------------------------------------------
 
     def _begin(self) -> None:
         """Let a way depend on its ends alone, so that a resumed run repeats what it left."""
-        if self.barrier is not None:
-            self.barrier.forget()
+        if self.potential is not None:
+            self.potential.forget()
 
     def reachable(self, before: ShellState, guess: ShellState) -> tuple[ShellState, float]:
         """Return the farthest safe state on the way to a guess, and its share (collective).

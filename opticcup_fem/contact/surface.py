@@ -43,6 +43,7 @@ class ContactSurface:
         exempt: float,
         parts: int = 3,
         obstacles: Sequence[Obstacle] = (),
+        closed: bool | None = None,
     ) -> None:
         """Build the mesh.
 
@@ -53,6 +54,7 @@ class ContactSurface:
             exempt: Parts nearer than this in the reference position never collide.
             parts: Parts of each cell's edge; with 3 the vertices are the nodes.
             obstacles: Rigid bodies.
+            closed: Whether the cells are of a closed surface; None to find out from them.
         """
         self.n_nodes = len(reference)
         cut = subdivide(cells, parts, orientation=orientation, n_nodes=self.n_nodes)
@@ -68,7 +70,7 @@ class ContactSurface:
         self.mesh = _collision_mesh(
             np.concatenate([rest, rest, _shrunk(self._rigid, rest, cut.triangles)]), self.triangles
         )
-        self.mesh.can_collide = self._filter(rest, cut.triangles, exempt)
+        self.mesh.can_collide = self._filter(rest, cut.triangles, exempt, closed)
         faces = sparse.block_diag([self.map, self.map], format="csr")
         held = sparse.csr_array((len(self._rigid.vertices), 2 * self.n_nodes))
         both = sparse.vstack([faces, held])
@@ -76,7 +78,11 @@ class ContactSurface:
         self._pull_back = sparse.csr_array(self._pull.T)
 
     def _filter(
-        self, rest: Floats, triangles: NDArray[np.int32], exempt: float
+        self,
+        rest: Floats,
+        triangles: NDArray[np.int32],
+        exempt: float,
+        closed: bool | None,
     ) -> ipctk.CollisionFilter:
         """Return which vertices can collide: no neighbours, no two of obstacles.
 
@@ -89,7 +95,7 @@ class ContactSurface:
             axis=0,
             return_counts=True,
         )
-        closed = bool((count == 2).all())
+        closed = bool((count == 2).all()) if closed is None else closed
         apart = ipctk.make_sparse_filter(
             _neighbours(rest, triangles, exempt, across=not closed), True
         )

@@ -6,8 +6,9 @@ from typing import Any
 
 from opticcup_fem.case import Case
 from opticcup_fem.case.tables import ObstacleTable
-from opticcup_fem.contact.model import EXEMPT, Contact, ContactSettings
+from opticcup_fem.contact.model import Contact
 from opticcup_fem.contact.obstacles import Box, Obstacle, Plate, Sphere
+from opticcup_fem.contact.potential import EXEMPT, ContactSettings
 from opticcup_fem.contact.touch import Nearest, TouchMeter
 from opticcup_fem.equilibrium.branch import BranchStepping
 from opticcup_fem.equilibrium.path import LoadStepping, PathPoint
@@ -31,6 +32,11 @@ def obstacle_of(table: ObstacleTable) -> Obstacle:
     return Sphere(table.centre, table.radius, velocity=table.velocity)
 
 
+def mirrors_of(case: Case) -> tuple[int, ...]:
+    """Return the components of position that are nought on a mirror which a case keeps."""
+    return (0, 1) if case.run.keep_mirrors else ()
+
+
 def contact_of(case: Case, shell: Shell) -> Contact | None:
     """Return the contact that a case resists, None where it resists none (collective).
 
@@ -42,7 +48,8 @@ def contact_of(case: Case, shell: Shell) -> Contact | None:
         return None
     distance = table.distance * case.shape.thickness
     settings = ContactSettings(distance, table.stiffness, table.subdivision)
-    return Contact(shell, settings, [obstacle_of(one) for one in table.obstacles])
+    obstacles = [obstacle_of(one) for one in table.obstacles]
+    return Contact(shell, settings, obstacles, mirrors_of(case))
 
 
 class TouchWatch:

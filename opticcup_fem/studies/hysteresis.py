@@ -247,7 +247,7 @@ def _there_and_back(cup: _Cup, ledger: _Ledger) -> States:
 def _round(cup: _Cup, ledger: _Ledger) -> States:
     """Follow the axisymmetric states, stable or not, on the same shell."""
     tables = cup.case.model_dump(mode="json")
-    tables["run"]["follow"] = "axisymmetric"
+    tables["run"] |= {"follow": "axisymmetric", "keep_mirrors": False}
     tables["contact"] = {"mode": "off"}
     other = _Cup(parse_case(tables), cup.shell.surface_mesh)
     states: States = {}

@@ -34,7 +34,7 @@ from opticcup_fem.shell.section import Layer, Section
 from opticcup_fem.shell.supports import free, rigid_modes_of_cup
 from opticcup_fem.shell.tissue import Tissue
 from opticcup_fem.stimulus import GROWTH, NO_MASS, stimulus_of
-from opticcup_fem.studies.contact import contact_of
+from opticcup_fem.studies.contact import contact_of, mirrors_of
 from opticcup_fem.studies.stability import critical_points_of
 
 PATIENCE = 25
@@ -192,8 +192,7 @@ def stepping_of(case: Case, shell: Shell) -> Stepping:
     contact = contact_of(case, shell)
     beside_obstacles = contact is not None and contact.has_obstacles
     held = free(shell) if beside_obstacles else rigid_modes_of_cup(shell)
-    mirrors = (0, 1) if case.run.keep_mirrors else ()
-    problem = Problem(shell, held, contact, mirrors)
+    problem = Problem(shell, held, contact, mirrors_of(case))
     iterations, wandering = solver.max_iterations, WANDERING
     if case.run.follow != "stable":  # beside a bifurcation a good iteration is long, and wanders
         iterations, wandering = max(PATIENCE, iterations), math.inf

@@ -15,8 +15,9 @@ from mpi4py import MPI
 import numpy as np
 from matplotlib.figure import Figure
 
-from opticcup_fem.contact.model import Contact, ContactSettings
+from opticcup_fem.contact.model import Contact
 from opticcup_fem.contact.obstacles import Plate
+from opticcup_fem.contact.potential import ContactSettings
 from opticcup_fem.contact.report import contact_report
 from opticcup_fem.equilibrium.jumps import make_relaxation
 from opticcup_fem.equilibrium.newton import MixedNewton

@@ -10,8 +10,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from opticcup_fem.contact.model import Contact, ContactSettings
+from opticcup_fem.contact.model import Contact
 from opticcup_fem.contact.obstacles import Plate, Sphere
+from opticcup_fem.contact.potential import ContactSettings
 from opticcup_fem.contact.report import ContactReport, contact_report, nodal_areas
 from opticcup_fem.equilibrium.jumps import make_relaxation
 from opticcup_fem.equilibrium.newton import CONTACT_AHEAD, MixedNewton

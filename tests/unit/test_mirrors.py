@@ -14,8 +14,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from opticcup_fem.contact.model import Contact, ContactSettings
+from opticcup_fem.contact.model import Contact
 from opticcup_fem.contact.obstacles import Plate
+from opticcup_fem.contact.potential import ContactSettings
 from opticcup_fem.equilibrium.mass import consistent_mass, lumped_mass
 from opticcup_fem.equilibrium.problem import Problem
 from opticcup_fem.equilibrium.spectrum import Spectrum

@@ -12,7 +12,7 @@ from mpi4py import MPI
 import pytest
 
 from opticcup_fem.case import parse_case
-from opticcup_fem.contact.model import EXEMPT
+from opticcup_fem.contact.potential import EXEMPT
 from opticcup_fem.contact.touch import TouchMeter
 from opticcup_fem.observables import Observer
 from opticcup_fem.shell.recovery import capture

@@ -1,0 +1,176 @@
+"""All that keeps the parts of a shell apart, on one rank: pairs of parts, and mirrors as walls.
+
+Where the deformation keeps mirrors, one part of the shell stands for all of its images: its parts
+are kept from each other by the barrier between pairs, and from their images by the mirrors.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy import sparse
+from scipy.spatial import cKDTree
+
+from opticcup_fem.contact.barrier import Barrier
+from opticcup_fem.contact.obstacles import Obstacle
+from opticcup_fem.contact.surface import ContactSurface
+from opticcup_fem.contact.walls import Walls
+from opticcup_fem.snapshot import Floats, Integers
+
+EXEMPT = 1.5
+"""Parts nearer than this many thicknesses in the reference surface cannot touch."""
+
+
+@dataclass(frozen=True)
+class ContactSettings:
+    """How contact is resisted.
+
+    Attributes:
+        distance: Gap at which the barrier begins, unit of length of the mesh.
+        stiffness: Stress scale of the barrier.
+        parts: Parts of each cell's edge in the collision mesh.
+    """
+
+    distance: float
+    stiffness: float
+    parts: int = 3
+
+
+class Placed(NamedTuple):
+    """Where the faces are: vertices of triangles, and distances from mirrors (empty without)."""
+
+    vertices: Floats
+    distances: Floats
+
+
+class Potential:
+    """Contact potential of both faces of a shell; places of faces have shape (2, n_nodes, 3).
+
+    Attributes:
+        distance: Gap at which it begins.
+        images: Images of the part that energies and stiffness are computed for, itself included.
+    """
+
+    def __init__(
+        self,
+        reference: Floats,
+        cells: Integers,
+        orientation: Floats,
+        thickness: float,
+        settings: ContactSettings,
+        obstacles: Sequence[Obstacle] = (),
+        mirrors: Sequence[int] = (),
+    ) -> None:
+        """Build the collision mesh and the walls.
+
+        Args:
+            reference: Reference positions of the nodes, shape (n_nodes, 3).
+            cells: Nodes of the cubic cells, shape (m, 10).
+            orientation: +1 where a cell's nodes wind as the outside demands, else -1, shape (m,).
+            thickness: Thickness of the shell.
+            settings: Barrier and collision mesh.
+            obstacles: Rigid bodies.
+            mirrors: Planes x_i = 0 that the deformation keeps as mirrors.
+        """
+        self.distance = settings.distance
+        part = np.all(reference[cells].mean(axis=1)[:, list(mirrors)] > 0, axis=1)
+        surface = ContactSurface(
+            reference,
+            cells[part],
+            orientation[part],
+            EXEMPT * thickness,
+            settings.parts,
+            obstacles,
+            closed=True if mirrors else None,
+        )
+        self._pairs = Barrier(surface, settings.distance, settings.stiffness)
+        self._walls: Walls | None = None
+        if mirrors:
+            barrier = (settings.distance, settings.stiffness)
+            self._walls = Walls(reference, cells[part], mirrors, thickness, *barrier)
+        self._reflections = _reflections(reference, mirrors)
+        self.images = len(self._reflections)
+
+    def placed(self, faces: Floats, time: float) -> Placed:
+        """Return where the faces are, and obstacles at a normalised time."""
+        distances = np.empty(0) if self._walls is None else self._walls.distances(faces)
+        return Placed(self._pairs.surface.vertices(faces, time), distances)
+
+    def energy(self, placed: Placed) -> float:
+        """Return the energy of all images, inf where a mirror is passed."""
+        walls = 0.0 if self._walls is None else self._walls.energy(placed.distances)
+        return self.images * (self._pairs.energy(placed.vertices) + walls)
+
+    def gradient(self, placed: Placed) -> Floats | None:
+        """Return dE_c/dx of the faces in the energy of the part alone, None without touch."""
+        pairs = self._pairs.gradient(placed.vertices)
+        walls = None if self._walls is None else self._walls.gradient(placed.distances)
+        if pairs is None or walls is None:
+            return pairs if walls is None else walls
+        together: Floats = pairs + walls
+        return together
+
+    def hessian(self, placed: Placed, convex: bool = False) -> sparse.csr_array | None:
+        """Return d2E_c/dx2 of the part alone, shape (6 n_nodes, 6 n_nodes), None without touch.
+
+        Args:
+            placed: Where the faces are.
+            convex: Without negative eigenvalues.
+        """
+        pairs = self._pairs.hessian(placed.vertices, convex)
+        walls = None if self._walls is None else self._walls.hessian(placed.distances)
+        if pairs is None or walls is None:
+            return pairs if walls is None else walls
+        return sparse.csr_array(pairs + walls)
+
+    def of_all(self, values: Floats) -> Floats:
+        """Return the vectors of all images from those of the part, shape (..., n_nodes, 3)."""
+        total = np.zeros_like(values)
+        for flips, image in self._reflections:
+            total[..., image, :] += flips * values
+        return total
+
+    def gap(self, placed: Placed) -> float:
+        """Return the least gap, inf where it exceeds the distance at which the barrier begins."""
+        walls = np.inf if self._walls is None else self._walls.gap(placed.distances)
+        return min(self._pairs.gap(placed.vertices), walls)
+
+    def free_fraction(self, start: Placed, end: Placed, apart: float = 0.0) -> float:
+        """Return the share of the straight way from ``start`` that is free of collisions, 0 to 1.
+
+        Args:
+            start: Places without a crossing.
+            end: Places at the end of the way.
+            apart: Distance to be kept all the way, below the gap at ``start``.
+        """
+        share = 1.0
+        if self._walls is not None:
+            share = self._walls.free_fraction(start.distances, end.distances, apart)
+        return min(share, self._pairs.free_fraction(start.vertices, end.vertices, apart))
+
+    def crosses(self, placed: Placed) -> bool:
+        """Return whether any parts that can collide cross each other."""
+        return self._pairs.crosses(placed.vertices)
+
+    def holds_obstacle(self, half: float) -> bool:
+        """See ``ContactSurface``."""
+        return self._pairs.surface.holds_obstacle(half)
+
+    def forget(self) -> None:
+        """Let what begins here repeat, see ``Barrier``."""
+        self._pairs.forget()
+
+
+def _reflections(reference: Floats, mirrors: Sequence[int]) -> list[tuple[Floats, Integers]]:
+    """Return the diagonal of every product of reflections, and the image of every node under it."""
+    tree = cKDTree(reference)
+    found: list[tuple[Floats, Integers]] = []
+    for signs in itertools.product((1.0, -1.0), repeat=len(mirrors)):
+        flips = np.ones(3)
+        flips[list(mirrors)] = signs
+        found.append((flips, tree.query(flips * reference)[1]))
+    return found
