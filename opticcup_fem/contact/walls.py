@@ -8,8 +8,8 @@ Its potential is an integral over the cubic faces, by the midpoint rule,
 
 half of the barrier between faces that are 2 d apart (``contact.barrier``), for the other half is
 the image's.  w_q is the reference area at a point, less near the plane: what lies nearer to it
-than half a thickness in the reference position bends across it and never touches, and from a whole
-one on all of it does.
+than half a thickness and d_hat in the reference position bends across it and never touches, and
+from half a thickness farther on all of it does.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from opticcup_fem.snapshot import Floats, Integers, lagrange_basis, lagrange_gra
 SPACING = 0.25
 """Largest distance of neighbouring points in the reference position, over the thickness."""
 
-BEGINS, ENDS = 0.5, 1.0
-"""Distances from a mirror in the reference position, over the thickness, between which the weight
-of a point grows from nought to all of it."""
+EXEMPT = 0.5
+"""Distance from a mirror in the reference position, over the thickness and beside d_hat, within
+which nothing touches it, and over which the weight of what lies farther grows to all of it."""
 
 
 def barrier(x: Floats) -> tuple[Floats, Floats, Floats]:
@@ -71,7 +71,7 @@ class Walls:
         maps, areas = zip(*_points(reference, cells, SPACING * thickness), strict=True)
         self._map = sparse.csr_array(sparse.vstack(maps, format="csr"))
         far = (self._map @ reference)[:, self._planes]
-        ramp = np.clip((far / thickness - BEGINS) / (ENDS - BEGINS), 0.0, 1.0)
+        ramp = np.clip((far - distance) / (EXEMPT * thickness) - 1.0, 0.0, 1.0)
         self._weights: Floats = np.concatenate(areas)[:, None] * ramp**2 * (3 - 2 * ramp)
 
     def distances(self, faces: Floats) -> Floats:

@@ -70,7 +70,7 @@ def test_energy_of_flat_faces(sphere: Snapshot, plane: int) -> None:
     away = 0.3 * D_HAT
     distances = walls.distances(faces_beside(sphere, plane, away))
     # a band of a sphere has the area of its height; half of the ramp's counts
-    area = 2 * np.pi * (1 - 0.75 * H)
+    area = 2 * np.pi * (1 - 0.75 * H - D_HAT)
     expected = area * 0.7 / 2 * D_HAT * barrier(np.array([0.6]))[0][0]
     assert walls.energy(distances) == pytest.approx(expected, rel=2e-3)
     assert walls.gap(distances) == pytest.approx(2 * away)
@@ -118,6 +118,8 @@ def test_what_bends_across_a_mirror_does_not_touch_it(sphere: Snapshot) -> None:
     walls = walls_of(sphere, 0, 1)
     distances = walls.distances(faces_of(sphere, H))
     assert walls.gap(distances) == np.inf and walls.energy(distances) == 0.0
+    thick = Walls(sphere.reference, part_of(sphere, 0), (0,), 0.2, 0.2, 1.0)
+    assert thick.gap(thick.distances(faces_of(sphere, 0.2))) == np.inf
 
 
 def test_part_and_images_stand_for_the_whole(sphere: Snapshot) -> None:
@@ -139,7 +141,7 @@ def test_part_and_images_stand_for_the_whole(sphere: Snapshot) -> None:
     total = every.sum(axis=(0, 1))
     assert np.abs(total).max() < 1e-12 * np.abs(every).sum()
     # half a sphere is pressed on each side, but for what is near the mirror
-    area, (value, slope, _) = 2 * np.pi * (1 - 0.75 * H), barrier(np.array([0.5]))
+    area, (value, slope, _) = 2 * np.pi * (1 - 0.75 * H - D_HAT), barrier(np.array([0.5]))
     assert -gradient[0, :, 0].sum() == pytest.approx(-area / 2 * 0.7 * slope[0], rel=2e-3)
     assert potential.energy(placed) == pytest.approx(area * 0.7 * D_HAT * value[0], rel=5e-3)
     assert potential.gap(placed) == pytest.approx(2 * away)

@@ -1,4 +1,4 @@
-"""The buckled cup between mirror planes (demos/slit.toml), against a finer mesh."""
+"""The buckled cup between mirrors (demos/slit.toml) to t_n = 1, against a finer mesh."""
 
 from pathlib import Path
 
@@ -17,30 +17,39 @@ pytestmark = pytest.mark.slow
 DEMO = Path(__file__).parents[2] / "demos" / "slit.toml"
 
 FINER = {
-    "D_over_r": {0.3: 0.6430, 0.4: 0.6612},
-    "mouth_length_over_R": {0.3: 0.7879, 0.4: 0.9383},
-    "mouth_width_over_R": {0.3: 0.1827, 0.4: 0.2339},
-    "energy": {0.3: 1.0501, 0.4: 1.8295},
+    "D_over_r": {0.3: 0.6523, 0.4: 0.6697, 0.6: 0.7400, 0.8: 0.7473, 1.0: 0.7281},
+    "mouth_length_over_R": {0.3: 0.7885, 0.4: 0.9382, 0.6: 1.2304, 0.8: 1.5208, 1.0: 1.8116},
+    "mouth_width_over_R": {0.3: 0.1840, 0.4: 0.2314, 0.6: 0.5035, 0.8: 0.7752, 1.0: 0.9836},
+    "energy": {0.3: 1.0500, 0.4: 1.8292, 0.6: 3.8515, 0.8: 6.4625, 1.0: 9.6565},
 }
-"""On 1,536 cells instead of 1,168, at times t_n."""
+"""On 4,360 cells instead of 2,592, at times t_n; contact there between pairs of triangles of the
+whole shell instead of its mirrors."""
+
+WITHIN = {
+    "D_over_r": 0.02,
+    "mouth_length_over_R": 0.005,
+    "mouth_width_over_R": 0.08,
+    "energy": 2e-4,
+}
 
 
 def test_slit_is_that_of_a_finer_mesh_and_crosses_nowhere(tmp_path: Path) -> None:
-    """Extents and depth within 2 %, energy within 5e-4; rims that touch; no slide; no crossing."""
+    """Extents, depth and energy; one loss of symmetry and no slip; mirrored; no crossing."""
     summary = cup.run(load_case(DEMO), tmp_path, quiet=True)
     assert summary.ok, summary.message
     broken, touch = read_events(tmp_path)[1:]
     assert (broken["kind"], broken["wavenumber"]) == ("symmetry_breaking", 2)
-    assert broken["t_n"] == pytest.approx(0.2831, rel=0.01)
+    assert broken["t_n"] == pytest.approx(0.2831, rel=0.005)
     assert (touch["kind"], touch["parts"]) == ("self_contact", "rim against rim")
     path = read_path(tmp_path)
     for name, values in FINER.items():
-        check(path, name, values, 5e-4 if name == "energy" else 0.02)
-    for t_n in (0.3, 0.4):
-        assert at(path, t_n, "contact_force") > 0.0
-        assert at(path, t_n, "interface_m1") < 1e-3
-    slit = path.t_n >= broken["t_n"]
+        check(path, name, values, WITHIN[name])
+    assert at(path, 0.3, "mouth_width_over_R") == pytest.approx(0.1840, rel=0.005)
+    slit = path.t_n > broken["t_n"]
+    assert not path.jump[path.t_n > 0.29].any()
     assert path.gap_over_h[slit].min() > 0.0
+    assert (path.contact_force[slit] > 0.0).all()
+    assert path.interface_m1.max() < 1e-9
     states = States(tmp_path)
-    for k in np.flatnonzero(slit):
+    for k in np.flatnonzero(slit)[::3]:
         assert self_crossings(states[int(k)], 6) is None, path.t_n[k]
