@@ -24,7 +24,7 @@ from opticcup_fem.snapshot import Floats, Integers, lagrange_basis, lagrange_gra
 SPACING = 0.25
 """Largest distance of neighbouring points in the reference position, over the thickness."""
 
-EXEMPT = 0.5
+MARGIN = 0.5
 """Distance from a mirror in the reference position, over the thickness and beside d_hat, within
 which nothing touches it, and over which the weight of what lies farther grows to all of it."""
 
@@ -71,7 +71,7 @@ class Walls:
         maps, areas = zip(*_points(reference, cells, SPACING * thickness), strict=True)
         self._map = sparse.csr_array(sparse.vstack(maps, format="csr"))
         far = (self._map @ reference)[:, self._planes]
-        ramp = np.clip((far - distance) / (EXEMPT * thickness) - 1.0, 0.0, 1.0)
+        ramp = np.clip((far - distance) / (MARGIN * thickness) - 1.0, 0.0, 1.0)
         self._weights: Floats = np.concatenate(areas)[:, None] * ramp**2 * (3 - 2 * ramp)
 
     def distances(self, faces: Floats) -> Floats:

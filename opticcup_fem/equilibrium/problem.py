@@ -243,7 +243,7 @@ class Problem:
             state: A state that keeps them, in local equilibrium.
         """
         gradient = self._every.vector.duplicate()
-        self._every.add_cells(self.shell.condensed(state).gradient, gradient)
+        self._every.add_cells(self.shell.gradient(state), gradient)
         pushed = self._pushed(state, self._every)
         if pushed is not None:
             gradient.axpy(1.0, pushed)

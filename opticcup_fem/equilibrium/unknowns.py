@@ -91,7 +91,7 @@ class Unknowns:
             return self.owned_values(r, alpha)
         motion, images = self.vector.duplicate(), self.vector.duplicate()
         self.add_own(self.joined(r, alpha), motion)
-        self.add_own(self.sign.astype(np.float64), images)
+        self.add_own(self.sign, images)
         part: Array = motion.array_r / np.maximum(images.array_r, 1.0)
         return part
 
