@@ -142,7 +142,7 @@ class Contact:
         start, end = self._of(before), self._of(goal)
         clear = True
         if self.potential is not None and start is not None and end is not None:
-            clear = self.potential.free_fraction(start, end, self.potential.distance) >= 1.0
+            clear = self.potential.passes(start, end)
         return goal if self.comm.bcast(clear) else None
 
     def _place(self, data: ContactData, r: Array) -> Placed | None:
@@ -244,7 +244,7 @@ class Contact:
         first, last = self._of(start), self._of(end)
         apart, share = 0.0, 1.0
         if self.potential is not None and first is not None and keep:
-            apart = keep * min(self.potential.gap(first), self.potential.distance)
+            apart = keep * self.potential.clearance(first)
         for _ in range(MOST_CUTS):
             free = 1.0
             if self.potential is not None and first is not None and last is not None:

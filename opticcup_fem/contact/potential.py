@@ -1,14 +1,17 @@
-"""All that keeps the parts of a shell apart, on one rank: pairs of parts, and mirrors as walls.
+"""All that keeps the parts of a shell apart, on one rank: each other, obstacles, and mirrors.
 
-Where the deformation keeps mirrors, one part of the shell stands for all of its images: its parts
-are kept from each other by the barrier between pairs, and from their images by the mirrors.
+Points of the cubic faces repel each other (``repulsion``); obstacles push flat triangles by the
+barrier between pairs (``barrier``), which also keep ways free of collisions.  Where the deformation
+keeps mirrors, one part of the shell stands for all of its images, and the mirrors are its walls.
 """
 
 from __future__ import annotations
 
 import itertools
+import operator
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +20,7 @@ from scipy.spatial import cKDTree
 
 from opticcup_fem.contact.barrier import Barrier
 from opticcup_fem.contact.obstacles import Obstacle
+from opticcup_fem.contact.repulsion import Repulsion
 from opticcup_fem.contact.surface import ContactSurface
 from opticcup_fem.contact.walls import Walls
 from opticcup_fem.snapshot import Floats, Integers
@@ -41,8 +45,15 @@ class ContactSettings:
 
 
 class Placed(NamedTuple):
-    """Where the faces are: vertices of triangles, and distances from mirrors (empty without)."""
+    """Where the faces are.
 
+    Attributes:
+        faces: Both faces at the nodes, shape (2, n_nodes, 3).
+        vertices: Vertices of their triangles, and of obstacles.
+        distances: Distances of points from mirrors, empty without.
+    """
+
+    faces: Floats
     vertices: Floats
     distances: Floats
 
@@ -65,7 +76,7 @@ class Potential:
         obstacles: Sequence[Obstacle] = (),
         mirrors: Sequence[int] = (),
     ) -> None:
-        """Build the collision mesh and the walls.
+        """Build the collision mesh, and what repels.
 
         Args:
             reference: Reference positions of the nodes, shape (n_nodes, 3).
@@ -78,19 +89,16 @@ class Potential:
         """
         self.distance = settings.distance
         part = np.all(reference[cells].mean(axis=1)[:, list(mirrors)] > 0, axis=1)
-        surface = ContactSurface(
-            reference,
-            cells[part],
-            orientation[part],
-            EXEMPT * thickness,
-            settings.parts,
-            obstacles,
-            closed=True if mirrors else None,
-        )
-        self._pairs = Barrier(surface, settings.distance, settings.stiffness)
+        barrier = (settings.distance, settings.stiffness)
+        shape = (reference, cells[part], orientation[part], EXEMPT * thickness, settings.parts)
+        self._surface = ContactSurface(*shape, obstacles, closed=True if mirrors else None)
+        self._ways = Barrier(self._surface, *barrier)
+        self._itself = Repulsion(reference, cells[part], self._surface, thickness, *barrier)
+        self._obstacles: Barrier | None = None
+        if obstacles:
+            self._obstacles = Barrier(ContactSurface(*shape, obstacles, itself=False), *barrier)
         self._walls: Walls | None = None
         if mirrors:
-            barrier = (settings.distance, settings.stiffness)
             self._walls = Walls(reference, cells[part], mirrors, thickness, *barrier)
         self._reflections = _reflections(reference, mirrors)
         self.images = len(self._reflections)
@@ -98,21 +106,26 @@ class Potential:
     def placed(self, faces: Floats, time: float) -> Placed:
         """Return where the faces are, and obstacles at a normalised time."""
         distances = np.empty(0) if self._walls is None else self._walls.distances(faces)
-        return Placed(self._pairs.surface.vertices(faces, time), distances)
+        return Placed(faces, self._surface.vertices(faces, time), distances)
 
     def energy(self, placed: Placed) -> float:
         """Return the energy of all images, inf where a mirror is passed."""
-        walls = 0.0 if self._walls is None else self._walls.energy(placed.distances)
-        return self.images * (self._pairs.energy(placed.vertices) + walls)
+        energy = self._itself.energy(placed.faces)
+        if self._obstacles is not None:
+            energy += self._obstacles.energy(placed.vertices)
+        if self._walls is not None:
+            energy += self._walls.energy(placed.distances)
+        return self.images * energy
 
     def gradient(self, placed: Placed) -> Floats | None:
         """Return dE_c/dx of the faces in the energy of the part alone, None without touch."""
-        pairs = self._pairs.gradient(placed.vertices)
-        walls = None if self._walls is None else self._walls.gradient(placed.distances)
-        if pairs is None or walls is None:
-            return pairs if walls is None else walls
-        together: Floats = pairs + walls
-        return together
+        found = [self._itself.gradient(placed.faces)]
+        if self._obstacles is not None:
+            found.append(self._obstacles.gradient(placed.vertices))
+        if self._walls is not None:
+            found.append(self._walls.gradient(placed.distances))
+        parts = [part for part in found if part is not None]
+        return np.sum(parts, axis=0) if parts else None
 
     def hessian(self, placed: Placed, convex: bool = False) -> sparse.csr_array | None:
         """Return d2E_c/dx2 of the part alone, shape (6 n_nodes, 6 n_nodes), None without touch.
@@ -121,11 +134,13 @@ class Potential:
             placed: Where the faces are.
             convex: Without negative eigenvalues.
         """
-        pairs = self._pairs.hessian(placed.vertices, convex)
-        walls = None if self._walls is None else self._walls.hessian(placed.distances)
-        if pairs is None or walls is None:
-            return pairs if walls is None else walls
-        return sparse.csr_array(pairs + walls)
+        found = [self._itself.hessian(placed.faces, convex)]
+        if self._obstacles is not None:
+            found.append(self._obstacles.hessian(placed.vertices, convex))
+        if self._walls is not None:
+            found.append(self._walls.hessian(placed.distances))
+        parts = [part for part in found if part is not None]
+        return reduce(operator.add, parts) if parts else None
 
     def of_all(self, values: Floats) -> Floats:
         """Return the vectors of all images from those of the part, shape (..., n_nodes, 3)."""
@@ -135,9 +150,18 @@ class Potential:
         return total
 
     def gap(self, placed: Placed) -> float:
-        """Return the least gap, inf where it exceeds the distance at which the barrier begins."""
+        """Return the least gap, inf where it exceeds the distance at which the potential begins."""
+        gaps = [self._itself.gap(placed.faces)]
+        if self._obstacles is not None:
+            gaps.append(self._obstacles.gap(placed.vertices))
+        if self._walls is not None:
+            gaps.append(self._walls.gap(placed.distances))
+        return min(gaps)
+
+    def clearance(self, placed: Placed) -> float:
+        """Return the most that ``free_fraction`` can keep from here, up to the distance."""
         walls = np.inf if self._walls is None else self._walls.gap(placed.distances)
-        return min(self._pairs.gap(placed.vertices), walls)
+        return min(self._ways.gap(placed.vertices), walls, self.distance)
 
     def free_fraction(self, start: Placed, end: Placed, apart: float = 0.0) -> float:
         """Return the share of the straight way from ``start`` that is free of collisions, 0 to 1.
@@ -145,24 +169,35 @@ class Potential:
         Args:
             start: Places without a crossing.
             end: Places at the end of the way.
-            apart: Distance to be kept all the way, below the gap at ``start``.
+            apart: Distance that triangles and mirrors keep all the way, below the clearance of
+                ``start``.
         """
         share = 1.0
         if self._walls is not None:
             share = self._walls.free_fraction(start.distances, end.distances, apart)
-        return min(share, self._pairs.free_fraction(start.vertices, end.vertices, apart))
+        return min(share, self._ways.free_fraction(start.vertices, end.vertices, apart))
+
+    def passes(self, start: Placed, end: Placed) -> bool:
+        """Return whether nothing touches on the straight way from ``start``, nor at its end."""
+        if self.free_fraction(start, end, 2 * self.distance) >= 1.0:
+            return True
+        clear = self.free_fraction(start, end, self.distance) >= 1.0
+        return clear and self.gap(end) == np.inf
 
     def crosses(self, placed: Placed) -> bool:
         """Return whether any parts that can collide cross each other."""
-        return self._pairs.crosses(placed.vertices)
+        return self._ways.crosses(placed.vertices)
 
     def holds_obstacle(self, half: float) -> bool:
         """See ``ContactSurface``."""
-        return self._pairs.surface.holds_obstacle(half)
+        return self._surface.holds_obstacle(half)
 
     def forget(self) -> None:
         """Let what begins here repeat, see ``Barrier``."""
-        self._pairs.forget()
+        self._ways.forget()
+        self._itself.forget()
+        if self._obstacles is not None:
+            self._obstacles.forget()
 
 
 def _reflections(reference: Floats, mirrors: Sequence[int]) -> list[tuple[Floats, Integers]]:

@@ -30,9 +30,14 @@ class ContactSurface:
     Attributes:
         n_nodes: Nodes of the mid-surface.
         n_face: Vertices of one face.
+        parts: Parts of each cell's edge.
+        exempt: Parts nearer than this, and the sizes of their triangles, never collide.
+        triangle_sizes: Longest edge at the corners of each triangle of a face, in the reference
+            position; cell by cell in the order of ``lattice``.
         map: P, shape (n_face, n_nodes).
         triangles: Triangles of all, shape (n_triangles, 3).
         mesh: IPC Toolkit's mesh.
+        closed: Whether the shell lies between its faces everywhere.
     """
 
     def __init__(
@@ -44,6 +49,7 @@ class ContactSurface:
         parts: int = 3,
         obstacles: Sequence[Obstacle] = (),
         closed: bool | None = None,
+        itself: bool = True,
     ) -> None:
         """Build the mesh.
 
@@ -55,8 +61,9 @@ class ContactSurface:
             parts: Parts of each cell's edge; with 3 the vertices are the nodes.
             obstacles: Rigid bodies.
             closed: Whether the cells are of a closed surface; None to find out from them.
+            itself: Whether the shell can touch itself, or obstacles alone.
         """
-        self.n_nodes = len(reference)
+        self.n_nodes, self.parts, self.exempt = len(reference), parts, exempt
         cut = subdivide(cells, parts, orientation=orientation, n_nodes=self.n_nodes)
         self.map: sparse.csr_array = cut.matrix
         self.n_face = n = cut.matrix.shape[0]
@@ -67,10 +74,12 @@ class ContactSurface:
         rigid = self._rigid.triangles + 2 * n
         self.triangles: NDArray[np.int32] = np.concatenate([inner, outer, rigid]).astype(np.int32)
         self._rest = rest = self.map @ reference
+        self.triangle_sizes: Floats = vertex_sizes(rest, cut.triangles)[cut.triangles].max(axis=1)
         self.mesh = _collision_mesh(
             np.concatenate([rest, rest, _shrunk(self._rigid, rest, cut.triangles)]), self.triangles
         )
-        self.mesh.can_collide = self._filter(rest, cut.triangles, exempt, closed)
+        self.closed = _is_closed(cut.triangles) if closed is None else closed
+        self.mesh.can_collide = self._filter(rest, cut.triangles, exempt, itself)
         faces = sparse.block_diag([self.map, self.map], format="csr")
         held = sparse.csr_array((len(self._rigid.vertices), 2 * self.n_nodes))
         both = sparse.vstack([faces, held])
@@ -78,11 +87,7 @@ class ContactSurface:
         self._pull_back = sparse.csr_array(self._pull.T)
 
     def _filter(
-        self,
-        rest: Floats,
-        triangles: NDArray[np.int32],
-        exempt: float,
-        closed: bool | None,
+        self, rest: Floats, triangles: NDArray[np.int32], exempt: float, itself: bool
     ) -> ipctk.CollisionFilter:
         """Return which vertices can collide: no neighbours, no two of obstacles.
 
@@ -90,25 +95,17 @@ class ContactSurface:
         can touch its inner face with its outer.
         """
         n, obstacles = self.n_face, len(self._rigid.vertices)
-        _, count = np.unique(
-            np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1),
-            axis=0,
-            return_counts=True,
-        )
-        closed = bool((count == 2).all()) if closed is None else closed
-        apart = ipctk.make_sparse_filter(
-            _neighbours(rest, triangles, exempt, across=not closed), True
-        )
-        rules = [apart]
-        if closed:
+        body = np.repeat([0, 1], [2 * n, obstacles]).astype(np.int32)
+        of_obstacle = ipctk.make_vertex_patches_filter(body)
+        rules = [ipctk.make_static_obstacle_filter(2 * n)] if obstacles else []
+        if not itself:
+            return reduce(operator.and_, [*rules, of_obstacle])
+        if self.closed:
             side = np.repeat([0, 1, 2], [n, n, obstacles]).astype(np.int32)
             same_side = ~ipctk.make_vertex_patches_filter(side)
-            body = np.repeat([0, 1], [2 * n, obstacles]).astype(np.int32)
-            of_obstacle = ipctk.make_vertex_patches_filter(body)
-            rules.insert(0, same_side | of_obstacle if obstacles else same_side)
-        if obstacles:
-            rules.insert(0, ipctk.make_static_obstacle_filter(2 * n))
-        return reduce(operator.and_, rules)
+            rules.append(same_side | of_obstacle if obstacles else same_side)
+        apart = _neighbours(rest, triangles, exempt, across=not self.closed)
+        return reduce(operator.and_, [*rules, ipctk.make_sparse_filter(apart, True)])
 
     def vertices(self, faces: Floats, time: float = 0.0) -> Floats:
         """Return the places of all vertices, shape (n_vertices, 3), in Fortran's order.
@@ -173,10 +170,23 @@ def _shrunk(rigid: ObstacleMesh, rest: Floats, triangles: NDArray[np.int32]) -> 
     return shrunk
 
 
+def _is_closed(triangles: NDArray[np.int32]) -> bool:
+    """Return whether every edge is one of two triangles."""
+    edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    _, count = np.unique(edges, axis=0, return_counts=True)
+    return bool((count == 2).all())
+
+
 def _areas(vertices: Floats, triangles: NDArray[np.int32]) -> Floats:
     a, b, c = (vertices[triangles[:, k]] for k in range(3))
     areas: Floats = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
     return areas
+
+
+def longest_edges(corners: Floats) -> Floats:
+    """Return the longest edge of triangles with corners (n, 3, 3), shape (n,)."""
+    longest: Floats = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    return longest
 
 
 def vertex_sizes(vertices: Floats, triangles: NDArray[np.int32]) -> Floats:

@@ -4,7 +4,7 @@ Where the deformation keeps the plane x_i = 0 as a mirror, two images that come 
 side of it, d away each.  For one part of the shell, that in x_i >= 0, they are therefore a wall.
 Its potential is an integral over the cubic faces, by the midpoint rule,
 
-    E_w = sum_q w_q k/2 d_hat b(2 d_q/d_hat),      b(x) = -(x^2 - 1)^2 ln(x^2),
+    E_w = sum_q w_q k/2 d_hat b(2 d_q/d_hat),      b of ``contact.law``,
 
 half of the barrier between faces that are 2 d apart (``contact.barrier``), for the other half is
 the image's.  w_q is the reference area at a point, less near the plane: what lies nearer to it
@@ -19,6 +19,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import sparse
 
+from opticcup_fem.contact.law import barrier
 from opticcup_fem.snapshot import Floats, Integers, lagrange_basis, lagrange_gradient, lattice
 
 SPACING = 0.25
@@ -27,16 +28,6 @@ SPACING = 0.25
 MARGIN = 0.5
 """Distance from a mirror in the reference position, over the thickness and beside d_hat, within
 which nothing touches it, and over which the weight of what lies farther grows to all of it."""
-
-
-def barrier(x: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return b, b' and b'' at x > 0; all are nought from x = 1 on."""
-    x = np.minimum(x, 1.0)
-    square, log = x * x - 1, np.log(x * x)
-    value = -square * square * log
-    slope = -4 * x * square * log - 2 * square * square / x
-    bend = -4 * (3 * x * x - 1) * log - 16 * square + 2 * square * square / (x * x)
-    return value, slope, bend
 
 
 class Walls:

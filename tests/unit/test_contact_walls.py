@@ -1,6 +1,6 @@
 """Mirrors as walls: the contact of a shell with its own mirror image.
 
-What matters: b and its derivatives; the energy is that of two flat faces in closed form, force and
+What matters: the energy is that of two flat faces in closed form, force and
 stiffness are its derivatives; the part and its images together push as the pairs of the whole do;
 what bends across a mirror does not touch it; no step goes through.
 """
@@ -10,8 +10,9 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 
+from opticcup_fem.contact.law import barrier
 from opticcup_fem.contact.potential import ContactSettings, Potential
-from opticcup_fem.contact.walls import Walls, barrier
+from opticcup_fem.contact.walls import Walls
 from opticcup_fem.shell.recovery import capture
 from opticcup_fem.snapshot import Snapshot
 from opticcup_fem.studies.model import shell_of
@@ -21,19 +22,6 @@ from tests.unit.test_contact import faces_of
 H = 0.05
 D_HAT = 0.02
 """Thickness, and gap at which contact begins."""
-
-
-def test_barrier_and_its_derivatives() -> None:
-    """By central differences; nought from 1 on, and unbounded."""
-    x, step = np.linspace(0.05, 0.99, 40), 1e-6
-    _, slope, bend = barrier(x)
-    up, down = barrier(x + step), barrier(x - step)
-    np.testing.assert_allclose(slope, (up[0] - down[0]) / (2 * step), rtol=1e-6, atol=1e-9)
-    np.testing.assert_allclose(bend, (up[1] - down[1]) / (2 * step), rtol=1e-6, atol=1e-9)
-    assert (bend > 0).all() and (slope < 0).all()
-    assert [one[0] for one in barrier(np.array([1.0]))] == [0, 0, 0]
-    assert barrier(np.array([1e-9]))[0][0] > 40
-    assert barrier(np.array([0.5]))[0][0] == pytest.approx(0.5625 * np.log(4))
 
 
 @pytest.fixture(scope="module")

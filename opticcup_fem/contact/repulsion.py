@@ -1,0 +1,379 @@
+r"""Contact of a shell with itself: points of its cubic faces repel each other.
+
+The potential is a double integral over the faces,
+
+    E_s = 1/2 int int c(X, Y) k/(2 pi d_hat) psi(|x - y|^2/d_hat^2) dA_X dA_Y,
+
+x and y the places of X and Y, areas those of the reference position, psi of ``contact.law``: two
+flat parallel faces have the energy k d_hat b(g/d_hat) per area.  There are no closest points, no
+normals and no triangles in it, so that it is as smooth as the faces are when they slide on each
+other.  c(X, Y) is nought for neighbours along the shell, those that the collision mesh exempts, and
+grows smoothly to 1 where they are farther than these in the reference position.
+
+It is summed over the midpoints of triangles that are .4 d_hat large where the faces are *now*;
+they are laid out anew with ``forget``, and kept in between.
+"""
+
+from __future__ import annotations
+
+import itertools
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.spatial import cKDTree
+
+from opticcup_fem.contact.law import repulsion
+from opticcup_fem.contact.surface import ContactSurface, longest_edges
+from opticcup_fem.snapshot import Floats, Integers, lagrange_basis, lagrange_gradient, lattice
+
+Mask = NDArray[np.bool_]
+
+SPACING = 0.4
+"""Size of the triangles that points stand for, over d_hat."""
+
+ROOM = 0.25
+"""How far points may move, over d_hat, before those that are near are looked for again."""
+
+RAMP = 1.0
+"""Range of reference distances, over the thickness, in which c grows from 0 to 1."""
+
+BULGE = 1.15
+"""Radius of a curved patch over that of its corners: a bound for looking."""
+
+
+class _Points(NamedTuple):
+    """Points of a face that stand for the triangles around them, shape (n, ...).
+
+    Attributes:
+        map: From both faces at the nodes to the points, shape (n, 2 n_nodes).
+        patch: The patch that each is in.
+        rest: Reference places.
+        area: Reference areas: for all of a patch the mean of its own.
+    """
+
+    map: sparse.csr_array
+    patch: Integers
+    rest: Floats
+    area: Floats
+
+
+class _Near(NamedTuple):
+    """Points that are near each other, and their pairs.
+
+    Attributes:
+        faces: Faces for which it was made.
+        map: From both faces at the nodes to the points, shape (n_points, 2 n_nodes).
+        pairs: Points of each pair, shape (n_pairs, 2).
+        weights: c times the areas of both points, shape (n_pairs,).
+    """
+
+    faces: Floats
+    map: sparse.csr_array
+    pairs: Integers
+    weights: Floats
+
+
+class _Touching(NamedTuple):
+    """Pairs nearer than d_hat at some places of the faces.
+
+    Attributes:
+        pairs: Their points, shape (n, 2).
+        apart: Difference of these points' places, over d_hat, shape (n, 3).
+        square: Its square, shape (n,).
+        weights: Weights, shape (n,).
+    """
+
+    pairs: Integers
+    apart: Floats
+    square: Floats
+    weights: Floats
+
+
+class Repulsion:
+    """Contact potential of a shell's faces with themselves; serial.
+
+    Places of faces have shape (2, n_nodes, 3), the inner one first.
+
+    Attributes:
+        distance: d_hat, the gap at which it begins.
+        stiffness: k [stress].
+    """
+
+    def __init__(
+        self,
+        reference: Floats,
+        cells: Integers,
+        surface: ContactSurface,
+        thickness: float,
+        distance: float,
+        stiffness: float,
+    ) -> None:
+        """Take the triangles of a collision mesh as patches of which near ones are looked for.
+
+        Args:
+            reference: Reference positions of the nodes, shape (n_nodes, 3).
+            cells: Nodes of the cubic cells, shape (m, 10).
+            surface: Collision mesh of these cells.
+            thickness: Thickness of the shell.
+            distance: d_hat.
+            stiffness: k.
+        """
+        self.distance, self.stiffness = distance, stiffness
+        self._reference, self._cells = reference, cells
+        self._exempt, self._ramp, self._closed = surface.exempt, RAMP * thickness, surface.closed
+        points, triangles = lattice(surface.parts)
+        self._corners = points[triangles] / surface.parts
+        self._basis = lagrange_basis(self._corners).reshape(-1, 3, 10)
+        rest = self._patches(reference)
+        self._middle, self._radius = rest.mean(axis=1), _radius(rest)
+        self._size = surface.triangle_sizes
+        slopes = lagrange_gradient(self._corners.mean(axis=1))
+        base = np.einsum("tja,cji->ctai", slopes, reference[cells]).reshape(-1, 2, 3)
+        area = np.linalg.norm(np.cross(base[:, 0], base[:, 1]), axis=1)
+        self._area = area / (2 * len(self._corners))
+        self._levels: Integers | None = None
+        self._near: _Near | None = None
+        self._touching: tuple[Floats, _Touching] | None = None
+
+    def forget(self) -> None:
+        """Lay the points out anew at the next places: what begins here repeats."""
+        self._levels = self._near = self._touching = None
+
+    # --- which points are near ----------------------------------------------------------------
+
+    def _patches(self, x: Floats) -> Floats:
+        """Return the corners of all patches, cell by cell, shape (n_patches, 3, 3)."""
+        corners: Floats = np.einsum("tkj,cji->ctki", self._basis, x[self._cells])
+        return corners.reshape(-1, 3, 3)
+
+    def _list(self, faces: Floats) -> _Near:
+        """Return the points that are near each other at places of the faces."""
+        corners = [self._patches(face) for face in faces]
+        if self._levels is None:
+            size = np.maximum(*(longest_edges(c) for c in corners))
+            self._levels = np.ceil(size / (SPACING * self.distance)).astype(int)
+        reach = (1 + 2 * ROOM) * self.distance
+        patches = self._patches_near(corners, reach)
+        level = self._levels[patches % len(self._middle)]
+        points = [self._points(patches[level == n], int(n)) for n in np.unique(level)]
+        if not points:
+            nothing = sparse.csr_array((0, 2 * len(self._reference)))
+            return _Near(faces.copy(), nothing, np.empty((0, 2), dtype=np.int64), np.empty(0))
+        matrix = sparse.csr_array(sparse.vstack([part.map for part in points], format="csr"))
+        patch, rest, area = (np.concatenate([part[k] for part in points]) for k in (1, 2, 3))
+        x, size = matrix @ faces.reshape(-1, 3), self._size[patch % len(self._middle)]
+        met = np.flatnonzero(_met(x, rest, reach, self._exempt + 2 * size.min()))
+        pairs = met[self._pairs(x[met], patch[met], reach)]
+        far = _distances(rest, pairs) - self._exempt - size[pairs].sum(axis=1)
+        ramp = np.clip(far / self._ramp, 0.0, 1.0)
+        weights = ramp**2 * (3 - 2 * ramp) * area[pairs].prod(axis=1)
+        return _Near(faces.copy(), matrix, pairs[weights > 0], weights[weights > 0])
+
+    def _patches_near(self, corners: list[Floats], reach: float) -> Integers:
+        """Return which patches others are near to; those of the outer face come behind."""
+        n = len(self._middle)
+        centre = np.concatenate([c.mean(axis=1) for c in corners])
+        radius = np.concatenate([_radius(c) for c in corners])
+        pairs = self._pairs(centre, np.arange(2 * n), 2 * radius.max() + reach)
+        extent = self._radius - self._size
+        far = _distances(self._middle, pairs % n) + extent[pairs % n].sum(axis=1)
+        apart = _distances(centre, pairs) - radius[pairs].sum(axis=1)
+        near: Integers = np.unique(pairs[(far > self._exempt) & (apart < reach)])
+        return near
+
+    def _pairs(self, x: Floats, patch: Integers, reach: float) -> Integers:
+        """Return pairs of points within reach whose faces can touch, shape (n, 2).
+
+        Args:
+            x: The points, shape (k, 3).
+            patch: The patch that each is in.
+            reach: Distance.
+        """
+        outer = patch >= len(self._middle)
+        groups = [np.flatnonzero(~outer), np.flatnonzero(outer)]
+        if not self._closed:
+            groups = [np.arange(len(x))]
+        found = [
+            group[cKDTree(x[group]).query_pairs(reach, output_type="ndarray")]
+            for group in groups
+            if len(group)
+        ]
+        pairs: Integers = np.concatenate([np.empty((0, 2), dtype=np.int64), *found])
+        return pairs
+
+    def _points(self, patches: Integers, n: int) -> _Points:
+        """Return the n^2 points of each of some patches of both faces."""
+        points, triangles = lattice(n)
+        middle = points[triangles].mean(axis=1) / n
+        weights = np.column_stack([1 - middle.sum(axis=1), middle])
+        side, patch = np.divmod(patches, len(self._middle))
+        cell, kind = np.divmod(patch, len(self._corners))
+        inside = np.einsum("qk,tka->tqa", weights, self._corners).reshape(-1, 2)
+        shape = (len(self._corners), len(middle), 10)
+        basis = lagrange_basis(inside).reshape(shape)[kind]
+        nodes = self._cells[cell]
+        area = np.repeat(self._area[patch] / (n * n), n * n)
+        rest = np.einsum("pqj,pji->pqi", basis, self._reference[nodes]).reshape(-1, 3)
+        n_nodes = len(self._reference)
+        columns = np.broadcast_to((nodes + side[:, None] * n_nodes)[:, None], basis.shape)
+        matrix = sparse.csr_array(
+            (basis.ravel(), columns.ravel(), 10 * np.arange(len(area) + 1)),
+            shape=(len(area), 2 * n_nodes),
+        )
+        return _Points(matrix, np.repeat(patches, n * n), rest, area)
+
+    def _listed(self, faces: Floats) -> _Near:
+        """Return the list of near points, made afresh where it does not hold."""
+        if self._near is not None:
+            moved = np.linalg.norm(faces - self._near.faces, axis=2).max()
+            if moved > ROOM / BULGE * self.distance:
+                self._near = None
+        if self._near is None:
+            self._near = self._list(faces)
+        return self._near
+
+    def _touch(self, faces: Floats) -> _Touching:
+        """Return the pairs nearer than d_hat."""
+        if self._touching is None or self._touching[0] is not faces:
+            near = self._listed(faces)
+            x = near.map @ faces.reshape(-1, 3) / self.distance
+            apart = x[near.pairs[:, 0]] - x[near.pairs[:, 1]]
+            square = np.einsum("pi,pi->p", apart, apart)
+            within = square < 1
+            parts = (near.pairs[within], apart[within], square[within], near.weights[within])
+            self._touching = faces, _Touching(*parts)
+        return self._touching[1]
+
+    # --- the potential ------------------------------------------------------------------------
+
+    @property
+    def _scale(self) -> float:
+        return self.stiffness / (2 * np.pi * self.distance)
+
+    def energy(self, faces: Floats) -> float:
+        """Return E_s."""
+        touching = self._touch(faces)
+        return self._scale * float(touching.weights @ repulsion(touching.square)[0])
+
+    def gap(self, faces: Floats) -> float:
+        """Return the least distance of points, inf where it exceeds d_hat."""
+        square = self._touch(faces).square
+        return self.distance * float(np.sqrt(square.min())) if len(square) else np.inf
+
+    def _pushes(self, faces: Floats) -> Floats:
+        """Return dE_s/dx at the listed points, shape (n_points, 3)."""
+        touching = self._touch(faces)
+        size = 2 * self._scale / self.distance * touching.weights * repulsion(touching.square)[1]
+        pulls = size[:, None] * touching.apart
+        return _difference(pulls, touching.pairs, self._listed(faces).map.shape[0])
+
+    def gradient(self, faces: Floats) -> Floats | None:
+        """Return dE_s/dx of the faces at the nodes, shape (2, n_nodes, 3), None without touch."""
+        if len(self._touch(faces).square) == 0:
+            return None
+        value: Floats = (self._listed(faces).map.T @ self._pushes(faces)).reshape(2, -1, 3)
+        return value
+
+    def hessian(self, faces: Floats, convex: bool = False) -> sparse.csr_array | None:
+        """Return d2E_s/dx2, shape (6 n_nodes, 6 n_nodes), None without touch.
+
+        Args:
+            faces: Places of the faces.
+            convex: Without negative eigenvalues: only what the pairs give along the forces on their
+                points, where it is positive.
+        """
+        touching, near = self._touch(faces), self._listed(faces)
+        if len(touching.square) == 0:
+            return None
+        _, slope, bend = repulsion(touching.square)
+        scale = 2 * self._scale / self.distance**2 * touching.weights
+        along, across = 2 * scale * bend, scale * slope
+        direction = touching.apart
+        if convex:
+            push = self._pushes(faces)
+            direction = push[touching.pairs[:, 0]] - push[touching.pairs[:, 1]]
+            direction /= np.linalg.norm(direction, axis=1, keepdims=True) + np.finfo(float).tiny
+            part = np.einsum("pi,pi->p", direction, touching.apart)
+            along, across = np.maximum(along * part**2 + across, 0.0), np.zeros_like(across)
+        points, pairs = np.unique(touching.pairs, return_inverse=True)
+        rows = near.map[points]
+        columns, indices = np.unique(rows.indices, return_inverse=True)
+        narrow = sparse.csr_array(
+            (rows.data, indices.ravel(), rows.indptr), shape=(len(points), len(columns))
+        )
+        pairs, n = pairs.reshape(-1, 2), 2 * len(self._reference)
+        data, row, column = [], [], []
+        for a in range(3):
+            for b in range(a, 3):
+                stiffness = along * direction[:, a] * direction[:, b] + (a == b) * across
+                between = _laplacian(stiffness, pairs, len(points))
+                block = sparse.coo_array(narrow.T @ between @ narrow)
+                first, second = 3 * columns[block.coords[0]], 3 * columns[block.coords[1]]
+                for i, j in {(a, b), (b, a)}:
+                    data.append(block.data)
+                    row.append(first + i)
+                    column.append(second + j)
+        where = (np.concatenate(row), np.concatenate(column))
+        return sparse.csr_array((np.concatenate(data), where), shape=(3 * n, 3 * n))
+
+
+def _distances(x: Floats, pairs: Integers) -> Floats:
+    """Return the distances of pairs of points, shape (n,)."""
+    distances: Floats = np.linalg.norm(x[pairs[:, 0]] - x[pairs[:, 1]], axis=1)
+    return distances
+
+
+def _met(x: Floats, rest: Floats, reach: float, exempt: float) -> Mask:
+    """Return a mask of all points near which, within reach, there may be one that is not exempt.
+
+    Points are sorted into boxes as large as the reach; where the reference places of a box and its
+    neighbours span less than what is exempt, all are neighbours along the shell.
+
+    Args:
+        x: Points, shape (n, 3).
+        rest: Their reference places, shape (n, 3).
+        reach: Distance.
+        exempt: Reference distance.
+    """
+    box = np.floor((x - x.min(axis=0)) / reach).astype(np.int64) + 1
+    stride = np.array([1, box[:, 0].max() + 2, 0])
+    stride[2] = stride[1] * (box[:, 1].max() + 2)
+    keys, where = np.unique(box @ stride, return_inverse=True)
+    order = np.argsort(where.ravel(), kind="stable")
+    starts = np.searchsorted(where.ravel()[order], np.arange(len(keys)))
+    low, high = (bound.reduceat(rest[order], starts) for bound in (np.minimum, np.maximum))
+    lowest, highest = low.copy(), high.copy()
+    for offset in itertools.product((-1, 0, 1), repeat=3):
+        beside = keys + np.array(offset) @ stride
+        place = np.minimum(np.searchsorted(keys, beside), len(keys) - 1)
+        there = keys[place] == beside
+        lowest[there] = np.minimum(lowest[there], low[place[there]])
+        highest[there] = np.maximum(highest[there], high[place[there]])
+    mask: Mask = (np.linalg.norm(highest - lowest, axis=1) > exempt)[where.ravel()]
+    return mask
+
+
+def _radius(corners: Floats) -> Floats:
+    """Return the radii of patches around the means of their corners, shape (n,)."""
+    away = np.linalg.norm(corners - corners.mean(axis=1, keepdims=True), axis=2).max(axis=1)
+    radius: Floats = BULGE * away
+    return radius
+
+
+def _difference(values: Floats, pairs: Integers, n: int) -> Floats:
+    """Return the sum of values (n_pairs, 3) at first points less that at second ones, (n, 3)."""
+    first, second = pairs.T
+    parts = [np.bincount(first, v, n) - np.bincount(second, v, n) for v in values.T]
+    return np.stack(parts, axis=1)
+
+
+def _laplacian(stiffness: Floats, pairs: Integers, n: int) -> sparse.csr_array:
+    """Return the matrix of sum s (v_i - v_j)^2 over pairs (i, j), shape (n, n)."""
+    i, j = pairs.T
+    sums = np.bincount(i, stiffness, n) + np.bincount(j, stiffness, n)
+    values = np.concatenate([-stiffness, -stiffness, sums])
+    every = np.arange(n)
+    where = (np.concatenate([i, j, every]), np.concatenate([j, i, every]))
+    return sparse.csr_array((values, where), shape=(n, n))

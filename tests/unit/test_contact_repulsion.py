@@ -1,0 +1,190 @@
+"""A shell's contact with itself: points of its faces that repel each other.
+
+What matters: the laws and their derivatives; two flat faces have the energy of their gap; force and
+stiffness are derivatives of the energy, push apart and balance; faces that slide on each other feel
+nothing of the points; neighbours along the shell never touch.
+"""
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from opticcup_fem.contact.barrier import Barrier
+from opticcup_fem.contact.law import barrier, repulsion
+from opticcup_fem.contact.repulsion import RAMP, Repulsion
+from opticcup_fem.contact.surface import ContactSurface
+from opticcup_fem.snapshot import Floats, Snapshot
+from tests.support.shapes import deformed, revolved, sphere_mesh
+from tests.unit.test_contact import FLAT, ROUND, H, dimple, faces_of, surface_of
+
+D_HAT, GAP = 0.12, 0.06
+STIFFNESS = 0.7
+
+
+@pytest.fixture(scope="module")
+def sphere() -> Snapshot:
+    return sphere_mesh(0.25)
+
+
+def repulsion_of(mesh: Snapshot, distance: float = D_HAT) -> Repulsion:
+    return Repulsion(mesh.reference, mesh.cells, surface_of(mesh), H, distance, STIFFNESS)
+
+
+def test_barrier_and_its_derivatives() -> None:
+    """By central differences; nought from 1 on, and unbounded."""
+    x, step = np.linspace(0.05, 0.99, 40), 1e-6
+    _, slope, bend = barrier(x)
+    up, down = barrier(x + step), barrier(x - step)
+    np.testing.assert_allclose(slope, (up[0] - down[0]) / (2 * step), rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(bend, (up[1] - down[1]) / (2 * step), rtol=1e-6, atol=1e-9)
+    assert (bend > 0).all() and (slope < 0).all()
+    assert [one[0] for one in barrier(np.array([1.0]))] == [0, 0, 0]
+    assert barrier(np.array([1e-9]))[0][0] > 40
+    assert barrier(np.array([0.5]))[0][0] == pytest.approx(0.5625 * np.log(4))
+
+
+def test_repulsion_and_its_derivatives() -> None:
+    """By central differences; nought from 1 on; psi is -b'(x)/x."""
+    u, step = np.linspace(0.02, 0.99, 40), 1e-6
+    value, slope, bend = repulsion(u)
+    up, down = repulsion(u + step), repulsion(u - step)
+    np.testing.assert_allclose(slope, (up[0] - down[0]) / (2 * step), rtol=1e-5, atol=1e-9)
+    np.testing.assert_allclose(bend, (up[1] - down[1]) / (2 * step), rtol=1e-5, atol=1e-9)
+    np.testing.assert_allclose(value, -barrier(np.sqrt(u))[1] / np.sqrt(u))
+    assert [one[0] for one in repulsion(np.array([1.5]))] == [0, 0, 0]
+
+
+@pytest.mark.parametrize("gap", [0.1, 0.5, 0.9])
+def test_a_plane_of_points_repels_by_the_barrier(gap: float) -> None:
+    """The integral of psi/(2 pi) over a plane at a distance is b of the distance."""
+    total, _ = quad(lambda r: float(repulsion(np.array([gap**2 + r**2]))[0][0]) * r, 0, 1)
+    assert total == pytest.approx(float(barrier(np.array([gap]))[0][0]), rel=1e-6)
+
+
+def pressed_flat(mesh: Snapshot, gap: float) -> Floats:
+    """The sphere pressed flat without change of area: its halves lie on each other, a gap apart."""
+    x, y, z = mesh.reference.T
+    stretch = np.sqrt(2 / (1 + np.abs(z)))
+    return np.column_stack([stretch * x, stretch * y, gap / 2 * np.sign(z)])
+
+
+def expected_energy(mesh: Snapshot, gap: float) -> float:
+    """That of the barrier over the half, less what the halves' common rim is exempt of."""
+    sizes = 2 * surface_of(mesh).triangle_sizes.mean()
+    z = np.linspace(0, 1, 20001)
+    ramp = np.clip((2 * z - 0.1 - sizes) / (RAMP * H), 0, 1)
+    share = np.trapezoid(ramp**2 * (3 - 2 * ramp), z)
+    density = STIFFNESS * D_HAT * barrier(np.array([gap / D_HAT]))[0][0]
+    return float(2 * np.pi * share * density)
+
+
+@pytest.mark.parametrize("gap", [0.3 * D_HAT, 0.6 * D_HAT])
+def test_energy_of_flat_faces(sphere: Snapshot, gap: float) -> None:
+    """Parts of one face touch; the other face is far."""
+    flat = pressed_flat(sphere, gap)
+    expected = expected_energy(sphere, gap)
+    for side in (0, 1):
+        faces = np.stack([flat, flat])
+        faces[1 - side] = sphere.reference + 5.0
+        potential = repulsion_of(sphere)
+        assert potential.energy(faces) == pytest.approx(expected, rel=0.01)
+        assert gap <= potential.gap(faces) * (1 + 1e-12) < 1.2 * gap + 0.05 * D_HAT
+    apart = np.stack([pressed_flat(sphere, 1.01 * D_HAT)] * 2)
+    assert potential.energy(apart) == 0 and potential.gap(apart) == np.inf
+    assert potential.gradient(apart) is None and potential.hessian(apart) is None
+
+
+def test_only_an_open_shell_touches_its_inner_face_with_its_outer(sphere: Snapshot) -> None:
+    """Two bowls: the inner face of one on the outer face of the other."""
+    below, gap = sphere.reference[:, 2] < 0, 0.5 * D_HAT
+    whole = (below[sphere.cells] == below[sphere.cells[:, :1]]).all(axis=1)
+    shape = (sphere.reference, sphere.cells[whole], sphere.orientation[whole])
+    flat = pressed_flat(sphere, gap)
+    faces = np.stack([flat, flat])
+    faces[0, below, 2], faces[1, ~below, 2] = -5.0, 5.0
+    energies = []
+    for closed in (None, True):
+        surface = ContactSurface(*shape, 0.1, closed=closed)
+        bowls = Repulsion(sphere.reference, shape[1], surface, H, D_HAT, STIFFNESS)
+        energies.append(bowls.energy(faces))
+    assert energies[0] > 0.7 * expected_energy(sphere, gap)
+    assert energies[1] == 0.0
+
+
+def test_gradient_and_hessian_are_derivatives(sphere: Snapshot) -> None:
+    """Central differences along a random motion; the convex part has no negative eigenvalue."""
+    potential, faces = repulsion_of(sphere), faces_of(dimple(sphere, GAP))
+    direction = np.random.default_rng(1).normal(size=faces.shape)
+    gradient, hessian = potential.gradient(faces), potential.hessian(faces)
+    convex = potential.hessian(faces, convex=True)
+    assert gradient is not None and hessian is not None and convex is not None
+    assert abs(hessian - hessian.T).max() < 1e-12 * abs(hessian).max()
+    step = 1e-7
+    up, down = faces + step * direction, faces - step * direction
+    slope = (potential.energy(up) - potential.energy(down)) / (2 * step)
+    assert slope == pytest.approx(np.sum(gradient * direction), rel=1e-6)
+    after, before = potential.gradient(up), potential.gradient(down)
+    assert after is not None and before is not None
+    bend, expected = (after - before).ravel() / (2 * step), hessian @ direction.ravel()
+    assert np.abs(bend - expected).max() < 1e-3 * np.abs(expected).max()
+    touched = np.flatnonzero(np.diff(convex.indptr))
+    true, positive = (
+        np.linalg.eigvalsh(one.toarray()[np.ix_(touched, touched)]) for one in (hessian, convex)
+    )
+    assert true.min() < -1e-3 * true.max() and positive.min() > -1e-12 * positive.max()
+    # where faces approach each other the two are much the same
+    assert positive.max() == pytest.approx(true.max(), rel=0.1)
+
+
+def test_forces_push_apart_and_balance(sphere: Snapshot) -> None:
+    """The apex is pushed up and the bottom down: descent of the energy; force and moment vanish."""
+    faces = faces_of(dimple(sphere, GAP))
+    gradient = repulsion_of(sphere).gradient(faces)
+    assert gradient is not None
+    inner, outer = gradient
+    assert np.all(outer == 0)
+    apex, bottom = (int(np.argmax(side * sphere.reference[:, 2])) for side in (1, -1))
+    assert inner[apex, 2] < 0 < inner[bottom, 2]
+    assert np.abs(inner.sum(axis=0)).max() < 1e-12 * np.abs(inner).sum()
+    assert np.abs(np.cross(faces[0], inner).sum(axis=0)).max() < 1e-12 * np.abs(inner).sum()
+
+
+def test_sliding_faces_feel_no_points(sphere: Snapshot) -> None:
+    """Turned about the axis on the bottom, the top keeps its energy; on flat triangles it rolls."""
+
+    def turned(angle: float) -> Floats:
+        def shape(theta: Floats, phi: Floats) -> Floats:
+            x = np.clip((theta - FLAT) / (ROUND - FLAT), 0, 1)
+            blend = x**3 * (10 - 15 * x + 6 * x**2)
+            radius = (1 - H - GAP) * (1 - blend) + blend
+            height = blend - (1 - H - GAP) * (1 - blend)
+            turn = angle * (1 - blend)
+            return revolved(radius * np.sin(theta), height * np.cos(theta), phi + turn)
+
+        return faces_of(deformed(sphere, shape))
+
+    angles, surface = np.linspace(0, 0.2, 4), surface_of(sphere)
+    smooth, rough = repulsion_of(sphere), Barrier(surface, D_HAT, STIFFNESS)
+    ripples = []
+    for energy in (smooth.energy, lambda faces: rough.energy(surface.vertices(faces))):
+        energies = np.array([energy(turned(angle)) for angle in angles])
+        ripples.append(float(np.ptp(energies) / energies.mean()))
+    assert ripples[0] < 0.005
+    assert ripples[0] < 0.2 * ripples[1]
+
+
+def test_neighbours_along_the_shell_do_not_touch(sphere: Snapshot) -> None:
+    """Nor does a barrier wider than the shell is thick see them."""
+    faces = faces_of(sphere)
+    assert repulsion_of(sphere, distance=1.4 * H).gap(faces) == np.inf
+
+
+def test_points_are_looked_for_where_the_faces_are(sphere: Snapshot) -> None:
+    """What has seen other states finds the contact of a later one, and forgets the others."""
+    used = repulsion_of(sphere)
+    used.energy(faces_of(dimple(sphere, GAP)))
+    for gap in (0.3, 0.1, 0.095, 0.3, 0.06):
+        faces, fresh = faces_of(dimple(sphere, gap)), repulsion_of(sphere)
+        assert used.energy(faces) == pytest.approx(fresh.energy(faces), rel=0.01)
+    used.forget()
+    assert used.energy(faces) == fresh.energy(faces)
