@@ -165,7 +165,7 @@ class Repulsion:
         patch, rest, area = (np.concatenate([part[k] for part in points]) for k in (1, 2, 3))
         x, size = matrix @ faces.reshape(-1, 3), self._size[patch % len(self._middle)]
         met = np.flatnonzero(_met(x, rest, reach, self._exempt + 2 * size.min()))
-        pairs = met[self._pairs(x[met], patch[met], reach)]
+        pairs = met[self._pairs(x[met], patch[met], np.zeros(len(met)), reach)]
         far = _distances(rest, pairs) - self._exempt - size[pairs].sum(axis=1)
         ramp = np.clip(far / self._ramp, 0.0, 1.0)
         weights = ramp**2 * (3 - 2 * ramp) * area[pairs].prod(axis=1)
@@ -176,31 +176,31 @@ class Repulsion:
         n = len(self._middle)
         centre = np.concatenate([c.mean(axis=1) for c in corners])
         radius = np.concatenate([_radius(c) for c in corners])
-        pairs = self._pairs(centre, np.arange(2 * n), 2 * radius.max() + reach)
+        pairs = self._pairs(centre, np.arange(2 * n), radius, reach)
         extent = self._radius - self._size
         far = _distances(self._middle, pairs % n) + extent[pairs % n].sum(axis=1)
         apart = _distances(centre, pairs) - radius[pairs].sum(axis=1)
         near: Integers = np.unique(pairs[(far > self._exempt) & (apart < reach)])
         return near
 
-    def _pairs(self, x: Floats, patch: Integers, reach: float) -> Integers:
-        """Return pairs of points within reach whose faces can touch, shape (n, 2).
+    def _pairs(self, x: Floats, patch: Integers, radius: Floats, reach: float) -> Integers:
+        """Return pairs of balls that are nearer than the reach and whose faces can touch.
 
         Args:
-            x: The points, shape (k, 3).
+            x: Their centres, shape (k, 3).
             patch: The patch that each is in.
+            radius: Their radii, shape (k,).
             reach: Distance.
+
+        Returns:
+            Shape (n, 2); some that are farther apart as well.
         """
         outer = patch >= len(self._middle)
         groups = [np.flatnonzero(~outer), np.flatnonzero(outer)]
         if not self._closed:
             groups = [np.arange(len(x))]
-        found = [
-            group[cKDTree(x[group]).query_pairs(reach, output_type="ndarray")]
-            for group in groups
-            if len(group)
-        ]
-        pairs: Integers = np.concatenate([np.empty((0, 2), dtype=np.int64), *found])
+        found = [group[_balls_near(x[group], radius[group], reach)] for group in groups]
+        pairs: Integers = np.concatenate(found)
         return pairs
 
     def _points(self, patches: Integers, n: int) -> _Points:
@@ -323,6 +323,25 @@ def _distances(x: Floats, pairs: Integers) -> Floats:
     """Return the distances of pairs of points, shape (n,)."""
     distances: Floats = np.linalg.norm(x[pairs[:, 0]] - x[pairs[:, 1]], axis=1)
     return distances
+
+
+def _balls_near(x: Floats, radius: Floats, reach: float) -> Integers:
+    """Return pairs of balls that are nearer than the reach, and some more, shape (n, 2).
+
+    Balls are searched in classes of like radius: a few large ones would else be near to all.
+    """
+    found = [np.empty((0, 2), dtype=np.int64)]
+    kind = np.ceil(np.log2(np.maximum(radius, reach) / reach)).astype(int)
+    classes = [np.flatnonzero(kind == k) for k in np.unique(kind)]
+    trees = [(c, cKDTree(x[c]), radius[c].max()) for c in classes]
+    for (first, tree, size), (second, other, larger) in itertools.combinations(trees, 2):
+        within = size + larger + reach
+        met = tree.sparse_distance_matrix(other, within, output_type="ndarray")
+        found.append(np.column_stack([first[met["i"]], second[met["j"]]]))
+    for members, tree, size in trees:
+        found.append(members[tree.query_pairs(2 * size + reach, output_type="ndarray")])
+    pairs: Integers = np.concatenate(found)
+    return pairs
 
 
 def _met(x: Floats, rest: Floats, reach: float, exempt: float) -> Mask:

@@ -183,7 +183,7 @@ def test_points_are_looked_for_where_the_faces_are(sphere: Snapshot) -> None:
     """What has seen other states finds the contact of a later one, and forgets the others."""
     used = repulsion_of(sphere)
     used.energy(faces_of(dimple(sphere, GAP)))
-    for gap in (0.3, 0.1, 0.095, 0.3, 0.06):
+    for gap in (0.1, 0.095, 0.3, 0.06):
         faces, fresh = faces_of(dimple(sphere, gap)), repulsion_of(sphere)
         assert used.energy(faces) == pytest.approx(fresh.energy(faces), rel=0.01)
     used.forget()
