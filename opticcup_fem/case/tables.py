@@ -266,7 +266,7 @@ class ObstacleTable(_Table):
 class ContactTable(_Table):
     """Contact of the shell with itself and with rigid obstacles.
 
-    The default of ``stiffness`` is 150 (h/R)^2 (docs/decisions/0043-points-that-repel.md).
+    The default of ``stiffness`` is 50 (h/R)^2 (docs/decisions/0018-contact-barrier.md).
     """
 
     mode: Literal["off", "stop", "resist"] = Field(
@@ -279,7 +279,7 @@ class ContactTable(_Table):
         default=0.2, gt=0, le=1, description="resist: gap at which the barrier begins, in h"
     )
     stiffness: Positive = Field(
-        default=6.0, description="resist: stress scale of the barrier; default 150 (h/R)^2"
+        default=2.0, description="resist: stress scale of the barrier; default 50 (h/R)^2"
     )
     subdivision: int = Field(
         default=3, ge=1, le=12, description="resist: triangles along each cell's edge that touch"
@@ -335,7 +335,7 @@ class Case(_Table):
         if "stiffness" in contact.model_fields_set or "shape" not in info.data:
             return contact
         h = info.data["shape"].thickness
-        return contact.model_copy(update={"stiffness": float(f"{150 * h * h:.4g}")})
+        return contact.model_copy(update={"stiffness": float(f"{50 * h * h:.4g}")})
 
     @field_validator("output", mode="after")
     @classmethod

@@ -1,6 +1,6 @@
-r"""The barrier between flat triangles, its derivatives, and how far a step may go.
+r"""The barrier that keeps surfaces apart, its derivatives, and how far a step may go.
 
-Obstacles push by IPC Toolkit's potential: over all pairs of parts nearer than d_hat,
+IPC Toolkit's potential: over all pairs of parts nearer than d_hat,
 
     E_c = sum_i w_i k d_hat b(d_i/d_hat),      b(x) = -(x^2 - 1)^2 ln(x^2),
 

@@ -1,17 +1,16 @@
-"""All that keeps the parts of a shell apart, on one rank: each other, obstacles, and mirrors.
+"""All that keeps the parts of a shell apart, on one rank.
 
-Points of the cubic faces repel each other (``repulsion``); obstacles push flat triangles by the
-barrier between pairs (``barrier``), which also keep ways free of collisions.  Where the deformation
-keeps mirrors, one part of the shell stands for all of its images, and the mirrors are its walls.
+Flat triangles of the faces, and those of obstacles, are kept from each other by the barrier between
+pairs (``barrier``), which also keeps ways free of collisions.  Where the deformation keeps mirrors,
+one part of the shell stands for all of its images: its own parts repel each other point by point
+(``repulsion``), and the mirrors are its walls (``walls``).
 """
 
 from __future__ import annotations
 
 import itertools
-import operator
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
@@ -58,6 +57,13 @@ class Placed(NamedTuple):
     distances: Floats
 
 
+class _Kept(NamedTuple):
+    """What repels where mirrors are kept: the part itself, and its images."""
+
+    itself: Repulsion
+    walls: Walls
+
+
 class Potential:
     """Contact potential of both faces of a shell; places of faces have shape (2, n_nodes, 3).
 
@@ -90,42 +96,47 @@ class Potential:
         self.distance = settings.distance
         part = np.all(reference[cells].mean(axis=1)[:, list(mirrors)] > 0, axis=1)
         barrier = (settings.distance, settings.stiffness)
-        shape = (reference, cells[part], orientation[part], EXEMPT * thickness, settings.parts)
-        self._surface = ContactSurface(*shape, obstacles, closed=True if mirrors else None)
-        self._ways = Barrier(self._surface, *barrier)
-        self._itself = Repulsion(reference, cells[part], self._surface, thickness, *barrier)
-        self._obstacles: Barrier | None = None
-        if obstacles:
-            self._obstacles = Barrier(ContactSurface(*shape, obstacles, itself=False), *barrier)
-        self._walls: Walls | None = None
+        self._surface = ContactSurface(
+            reference,
+            cells[part],
+            orientation[part],
+            EXEMPT * thickness,
+            settings.parts,
+            obstacles,
+            closed=True if mirrors else None,
+        )
+        self._pairs = Barrier(self._surface, *barrier)
+        self._kept: _Kept | None = None
         if mirrors:
-            self._walls = Walls(reference, cells[part], mirrors, thickness, *barrier)
+            self._kept = _Kept(
+                Repulsion(reference, cells[part], self._surface, thickness, *barrier),
+                Walls(reference, cells[part], mirrors, thickness, *barrier),
+            )
         self._reflections = _reflections(reference, mirrors)
         self.images = len(self._reflections)
 
     def placed(self, faces: Floats, time: float) -> Placed:
         """Return where the faces are, and obstacles at a normalised time."""
-        distances = np.empty(0) if self._walls is None else self._walls.distances(faces)
+        distances = np.empty(0) if self._kept is None else self._kept.walls.distances(faces)
         return Placed(faces, self._surface.vertices(faces, time), distances)
 
     def energy(self, placed: Placed) -> float:
         """Return the energy of all images, inf where a mirror is passed."""
-        energy = self._itself.energy(placed.faces)
-        if self._obstacles is not None:
-            energy += self._obstacles.energy(placed.vertices)
-        if self._walls is not None:
-            energy += self._walls.energy(placed.distances)
-        return self.images * energy
+        if self._kept is None:
+            return self._pairs.energy(placed.vertices)
+        itself, walls = self._kept
+        return self.images * (itself.energy(placed.faces) + walls.energy(placed.distances))
 
     def gradient(self, placed: Placed) -> Floats | None:
         """Return dE_c/dx of the faces in the energy of the part alone, None without touch."""
-        found = [self._itself.gradient(placed.faces)]
-        if self._obstacles is not None:
-            found.append(self._obstacles.gradient(placed.vertices))
-        if self._walls is not None:
-            found.append(self._walls.gradient(placed.distances))
-        parts = [part for part in found if part is not None]
-        return np.sum(parts, axis=0) if parts else None
+        if self._kept is None:
+            return self._pairs.gradient(placed.vertices)
+        itself = self._kept.itself.gradient(placed.faces)
+        walls = self._kept.walls.gradient(placed.distances)
+        if itself is None or walls is None:
+            return itself if walls is None else walls
+        together: Floats = itself + walls
+        return together
 
     def hessian(self, placed: Placed, convex: bool = False) -> sparse.csr_array | None:
         """Return d2E_c/dx2 of the part alone, shape (6 n_nodes, 6 n_nodes), None without touch.
@@ -134,13 +145,13 @@ class Potential:
             placed: Where the faces are.
             convex: Without negative eigenvalues.
         """
-        found = [self._itself.hessian(placed.faces, convex)]
-        if self._obstacles is not None:
-            found.append(self._obstacles.hessian(placed.vertices, convex))
-        if self._walls is not None:
-            found.append(self._walls.hessian(placed.distances))
-        parts = [part for part in found if part is not None]
-        return reduce(operator.add, parts) if parts else None
+        if self._kept is None:
+            return self._pairs.hessian(placed.vertices, convex)
+        itself = self._kept.itself.hessian(placed.faces, convex)
+        walls = self._kept.walls.hessian(placed.distances)
+        if itself is None or walls is None:
+            return itself if walls is None else walls
+        return sparse.csr_array(itself + walls)
 
     def of_all(self, values: Floats) -> Floats:
         """Return the vectors of all images from those of the part, shape (..., n_nodes, 3)."""
@@ -151,17 +162,15 @@ class Potential:
 
     def gap(self, placed: Placed) -> float:
         """Return the least gap, inf where it exceeds the distance at which the potential begins."""
-        gaps = [self._itself.gap(placed.faces)]
-        if self._obstacles is not None:
-            gaps.append(self._obstacles.gap(placed.vertices))
-        if self._walls is not None:
-            gaps.append(self._walls.gap(placed.distances))
-        return min(gaps)
+        if self._kept is None:
+            return self._pairs.gap(placed.vertices)
+        itself, walls = self._kept
+        return min(itself.gap(placed.faces), walls.gap(placed.distances))
 
     def clearance(self, placed: Placed) -> float:
         """Return the most that ``free_fraction`` can keep from here, up to the distance."""
-        walls = np.inf if self._walls is None else self._walls.gap(placed.distances)
-        return min(self._ways.gap(placed.vertices), walls, self.distance)
+        walls = np.inf if self._kept is None else self._kept.walls.gap(placed.distances)
+        return min(self._pairs.gap(placed.vertices), walls, self.distance)
 
     def free_fraction(self, start: Placed, end: Placed, apart: float = 0.0) -> float:
         """Return the share of the straight way from ``start`` that is free of collisions, 0 to 1.
@@ -173,20 +182,18 @@ class Potential:
                 ``start``.
         """
         share = 1.0
-        if self._walls is not None:
-            share = self._walls.free_fraction(start.distances, end.distances, apart)
-        return min(share, self._ways.free_fraction(start.vertices, end.vertices, apart))
+        if self._kept is not None:
+            share = self._kept.walls.free_fraction(start.distances, end.distances, apart)
+        return min(share, self._pairs.free_fraction(start.vertices, end.vertices, apart))
 
     def passes(self, start: Placed, end: Placed) -> bool:
         """Return whether nothing touches on the straight way from ``start``, nor at its end."""
-        if self.free_fraction(start, end, 2 * self.distance) >= 1.0:
-            return True
         clear = self.free_fraction(start, end, self.distance) >= 1.0
-        return clear and self.gap(end) == np.inf
+        return clear and (self._kept is None or self.gap(end) == np.inf)
 
     def crosses(self, placed: Placed) -> bool:
         """Return whether any parts that can collide cross each other."""
-        return self._ways.crosses(placed.vertices)
+        return self._pairs.crosses(placed.vertices)
 
     def holds_obstacle(self, half: float) -> bool:
         """See ``ContactSurface``."""
@@ -194,10 +201,9 @@ class Potential:
 
     def forget(self) -> None:
         """Let what begins here repeat, see ``Barrier``."""
-        self._ways.forget()
-        self._itself.forget()
-        if self._obstacles is not None:
-            self._obstacles.forget()
+        self._pairs.forget()
+        if self._kept is not None:
+            self._kept.itself.forget()
 
 
 def _reflections(reference: Floats, mirrors: Sequence[int]) -> list[tuple[Floats, Integers]]:

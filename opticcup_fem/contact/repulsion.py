@@ -8,7 +8,8 @@ x and y the places of X and Y, areas those of the reference position, psi of ``c
 flat parallel faces have the energy k d_hat b(g/d_hat) per area.  There are no closest points, no
 normals and no triangles in it, so that it is as smooth as the faces are when they slide on each
 other.  c(X, Y) is nought for neighbours along the shell, those that the collision mesh exempts, and
-grows smoothly to 1 where they are farther than these in the reference position.
+grows smoothly to 1 where they are farther than these in the reference position.  Only parts of one
+face touch: the shell is closed.
 
 It is summed over the midpoints of triangles that are .4 d_hat large where the faces are *now*;
 they are laid out anew with ``forget``, and kept in between.
@@ -38,6 +39,10 @@ ROOM = 0.25
 
 RAMP = 1.0
 """Range of reference distances, over the thickness, in which c grows from 0 to 1."""
+
+SKEWED = np.array([[1.0, 0.0], [0.5, np.sqrt(0.75)]])
+"""From coordinates in a triangle to an equilateral one, where the nearest midpoint is that of the
+part that a point is in."""
 
 BULGE = 1.15
 """Radius of a curved patch over that of its corners: a bound for looking."""
@@ -122,12 +127,12 @@ class Repulsion:
         """
         self.distance, self.stiffness = distance, stiffness
         self._reference, self._cells = reference, cells
-        self._exempt, self._ramp, self._closed = surface.exempt, RAMP * thickness, surface.closed
+        self._exempt, self._ramp = surface.exempt, RAMP * thickness
         points, triangles = lattice(surface.parts)
         self._corners = points[triangles] / surface.parts
         self._basis = lagrange_basis(self._corners).reshape(-1, 3, 10)
         rest = self._patches(reference)
-        self._middle, self._radius = rest.mean(axis=1), _radius(rest)
+        self._radius = _radius(rest)
         self._size = surface.triangle_sizes
         slopes = lagrange_gradient(self._corners.mean(axis=1))
         base = np.einsum("tja,cji->ctai", slopes, reference[cells]).reshape(-1, 2, 3)
@@ -155,33 +160,52 @@ class Repulsion:
             size = np.maximum(*(longest_edges(c) for c in corners))
             self._levels = np.ceil(size / (SPACING * self.distance)).astype(int)
         reach = (1 + 2 * ROOM) * self.distance
-        patches = self._patches_near(corners, reach)
-        level = self._levels[patches % len(self._middle)]
-        points = [self._points(patches[level == n], int(n)) for n in np.unique(level)]
-        if not points:
-            nothing = sparse.csr_array((0, 2 * len(self._reference)))
-            return _Near(faces.copy(), nothing, np.empty((0, 2), dtype=np.int64), np.empty(0))
-        matrix = sparse.csr_array(sparse.vstack([part.map for part in points], format="csr"))
-        patch, rest, area = (np.concatenate([part[k] for part in points]) for k in (1, 2, 3))
-        x, size = matrix @ faces.reshape(-1, 3), self._size[patch % len(self._middle)]
-        met = np.flatnonzero(_met(x, rest, reach, self._exempt + 2 * size.min()))
-        pairs = met[self._pairs(x[met], patch[met], np.zeros(len(met)), reach)]
-        far = _distances(rest, pairs) - self._exempt - size[pairs].sum(axis=1)
-        ramp = np.clip(far / self._ramp, 0.0, 1.0)
-        weights = ramp**2 * (3 - 2 * ramp) * area[pairs].prod(axis=1)
-        return _Near(faces.copy(), matrix, pairs[weights > 0], weights[weights > 0])
-
-    def _patches_near(self, corners: list[Floats], reach: float) -> Integers:
-        """Return which patches others are near to; those of the outer face come behind."""
-        n = len(self._middle)
-        centre = np.concatenate([c.mean(axis=1) for c in corners])
         radius = np.concatenate([_radius(c) for c in corners])
-        pairs = self._pairs(centre, np.arange(2 * n), radius, reach)
-        extent = self._radius - self._size
-        far = _distances(self._middle, pairs % n) + extent[pairs % n].sum(axis=1)
-        apart = _distances(centre, pairs) - radius[pairs].sum(axis=1)
-        near: Integers = np.unique(pairs[(far > self._exempt) & (apart < reach)])
-        return near
+        points = self._points_near(faces, radius, reach)
+        x, size = points.map @ faces.reshape(-1, 3), self._size[points.patch % len(self._radius)]
+        pairs = self._pairs(x, points.patch, np.zeros(len(x)), reach)
+        far = _distances(points.rest, pairs) - self._exempt - size[pairs].sum(axis=1)
+        ramp = np.clip(far / self._ramp, 0.0, 1.0)
+        weights = ramp**2 * (3 - 2 * ramp) * points.area[pairs].prod(axis=1)
+        return _Near(faces.copy(), points.map, pairs[weights > 0], weights[weights > 0])
+
+    def _points_near(self, faces: Floats, radius: Floats, reach: float) -> _Points:
+        """Return the points of all parts of patches that others are near to.
+
+        Patches that are near others are cut into four, again and again.
+
+        Args:
+            faces: Places of the faces.
+            radius: Radii of the patches of both faces.
+            reach: What is near.
+        """
+        assert self._levels is not None
+        count, n = len(self._radius), 1
+        patches: Integers = np.arange(2 * count)
+        kept: Mask = np.ones((len(patches), 1), dtype=bool)
+        while True:
+            parts = self._points(patches, n, kept)
+            patch = parts.patch % count
+            large = radius[parts.patch] / n
+            x = parts.map @ faces.reshape(-1, 3)
+            pairs = self._pairs(x, parts.patch, large, reach)
+            extent = self._radius[patch] / n - self._size[patch]
+            far = _distances(parts.rest, pairs) + extent[pairs].sum(axis=1)
+            apart = _distances(x, pairs) - large[pairs].sum(axis=1)
+            near = np.zeros(len(patch), dtype=bool)
+            near[pairs[(far > self._exempt) & (apart < reach)].ravel()] = True
+            kept[kept] = near
+            some = kept.any(axis=1)
+            patches, kept = patches[some], kept[some]
+            level = self._levels[patches % count]
+            if 4 * n > level.max(initial=0):
+                break
+            n, kept = 2 * n, kept[:, _parents(2 * n, n)]
+        fine = [
+            self._points(patches[level == k], int(k), kept[level == k][:, _parents(int(k), n)])
+            for k in np.unique(level)
+        ]
+        return _joined(fine, 2 * len(self._reference))
 
     def _pairs(self, x: Floats, patch: Integers, radius: Floats, reach: float) -> Integers:
         """Return pairs of balls that are nearer than the reach and whose faces can touch.
@@ -195,34 +219,33 @@ class Repulsion:
         Returns:
             Shape (n, 2); some that are farther apart as well.
         """
-        outer = patch >= len(self._middle)
+        outer = patch >= len(self._radius)
         groups = [np.flatnonzero(~outer), np.flatnonzero(outer)]
-        if not self._closed:
-            groups = [np.arange(len(x))]
         found = [group[_balls_near(x[group], radius[group], reach)] for group in groups]
         pairs: Integers = np.concatenate(found)
         return pairs
 
-    def _points(self, patches: Integers, n: int) -> _Points:
-        """Return the n^2 points of each of some patches of both faces."""
-        points, triangles = lattice(n)
-        middle = points[triangles].mean(axis=1) / n
+    def _points(self, patches: Integers, n: int, kept: Mask) -> _Points:
+        """Return some of the n^2 points of each of some patches of both faces.
+
+        Args:
+            patches: The patches, shape (k,).
+            n: Parts of each edge.
+            kept: Which points are wanted, shape (k, n^2).
+        """
+        middle = _midpoints(n)
         weights = np.column_stack([1 - middle.sum(axis=1), middle])
-        side, patch = np.divmod(patches, len(self._middle))
-        cell, kind = np.divmod(patch, len(self._corners))
         inside = np.einsum("qk,tka->tqa", weights, self._corners).reshape(-1, 2)
-        shape = (len(self._corners), len(middle), 10)
-        basis = lagrange_basis(inside).reshape(shape)[kind]
-        nodes = self._cells[cell]
-        area = np.repeat(self._area[patch] / (n * n), n * n)
-        rest = np.einsum("pqj,pji->pqi", basis, self._reference[nodes]).reshape(-1, 3)
+        table = lagrange_basis(inside).reshape(len(self._corners), len(middle), 10)
+        place, point = np.nonzero(kept)
+        side, patch = np.divmod(patches[place], len(self._radius))
+        cell, kind = np.divmod(patch, len(self._corners))
+        basis, nodes = table[kind, point], self._cells[cell]
+        rest = np.einsum("qj,qji->qi", basis, self._reference[nodes])
         n_nodes = len(self._reference)
-        columns = np.broadcast_to((nodes + side[:, None] * n_nodes)[:, None], basis.shape)
-        matrix = sparse.csr_array(
-            (basis.ravel(), columns.ravel(), 10 * np.arange(len(area) + 1)),
-            shape=(len(area), 2 * n_nodes),
-        )
-        return _Points(matrix, np.repeat(patches, n * n), rest, area)
+        where = ((nodes + side[:, None] * n_nodes).ravel(), 10 * np.arange(len(place) + 1))
+        matrix = sparse.csr_array((basis.ravel(), *where), shape=(len(place), 2 * n_nodes))
+        return _Points(matrix, patches[place], rest, self._area[patch] / (n * n))
 
     def _listed(self, faces: Floats) -> _Near:
         """Return the list of near points, made afresh where it does not hold."""
@@ -319,6 +342,31 @@ class Repulsion:
         return sparse.csr_array((np.concatenate(data), where), shape=(3 * n, 3 * n))
 
 
+def _midpoints(n: int) -> Floats:
+    """Return the midpoints of n^2 equal parts of a triangle, shape (n^2, 2)."""
+    points, triangles = lattice(n)
+    middle: Floats = points[triangles].mean(axis=1) / n
+    return middle
+
+
+def _parents(n: int, parts: int) -> Integers:
+    """Return for each of n^2 equal parts of a triangle in which of parts^2 its midpoint is."""
+    _, nearest = cKDTree(_midpoints(parts) @ SKEWED).query(_midpoints(n) @ SKEWED)
+    parents: Integers = nearest
+    return parents
+
+
+def _joined(parts: list[_Points], n_columns: int) -> _Points:
+    """Return the points of all parts."""
+    if not parts:
+        nothing = np.empty(0)
+        empty = sparse.csr_array((0, n_columns))
+        return _Points(empty, nothing.astype(np.int64), np.empty((0, 3)), nothing)
+    matrix = sparse.csr_array(sparse.vstack([part.map for part in parts], format="csr"))
+    patch, rest, area = (np.concatenate([part[k] for part in parts]) for k in (1, 2, 3))
+    return _Points(matrix, patch, rest, area)
+
+
 def _distances(x: Floats, pairs: Integers) -> Floats:
     """Return the distances of pairs of points, shape (n,)."""
     distances: Floats = np.linalg.norm(x[pairs[:, 0]] - x[pairs[:, 1]], axis=1)
@@ -342,36 +390,6 @@ def _balls_near(x: Floats, radius: Floats, reach: float) -> Integers:
         found.append(members[tree.query_pairs(2 * size + reach, output_type="ndarray")])
     pairs: Integers = np.concatenate(found)
     return pairs
-
-
-def _met(x: Floats, rest: Floats, reach: float, exempt: float) -> Mask:
-    """Return a mask of all points near which, within reach, there may be one that is not exempt.
-
-    Points are sorted into boxes as large as the reach; where the reference places of a box and its
-    neighbours span less than what is exempt, all are neighbours along the shell.
-
-    Args:
-        x: Points, shape (n, 3).
-        rest: Their reference places, shape (n, 3).
-        reach: Distance.
-        exempt: Reference distance.
-    """
-    box = np.floor((x - x.min(axis=0)) / reach).astype(np.int64) + 1
-    stride = np.array([1, box[:, 0].max() + 2, 0])
-    stride[2] = stride[1] * (box[:, 1].max() + 2)
-    keys, where = np.unique(box @ stride, return_inverse=True)
-    order = np.argsort(where.ravel(), kind="stable")
-    starts = np.searchsorted(where.ravel()[order], np.arange(len(keys)))
-    low, high = (bound.reduceat(rest[order], starts) for bound in (np.minimum, np.maximum))
-    lowest, highest = low.copy(), high.copy()
-    for offset in itertools.product((-1, 0, 1), repeat=3):
-        beside = keys + np.array(offset) @ stride
-        place = np.minimum(np.searchsorted(keys, beside), len(keys) - 1)
-        there = keys[place] == beside
-        lowest[there] = np.minimum(lowest[there], low[place[there]])
-        highest[there] = np.maximum(highest[there], high[place[there]])
-    mask: Mask = (np.linalg.norm(highest - lowest, axis=1) > exempt)[where.ravel()]
-    return mask
 
 
 def _radius(corners: Floats) -> Floats:

@@ -37,7 +37,6 @@ class ContactSurface:
         map: P, shape (n_face, n_nodes).
         triangles: Triangles of all, shape (n_triangles, 3).
         mesh: IPC Toolkit's mesh.
-        closed: Whether the shell lies between its faces everywhere.
     """
 
     def __init__(
@@ -49,7 +48,6 @@ class ContactSurface:
         parts: int = 3,
         obstacles: Sequence[Obstacle] = (),
         closed: bool | None = None,
-        itself: bool = True,
     ) -> None:
         """Build the mesh.
 
@@ -61,7 +59,6 @@ class ContactSurface:
             parts: Parts of each cell's edge; with 3 the vertices are the nodes.
             obstacles: Rigid bodies.
             closed: Whether the cells are of a closed surface; None to find out from them.
-            itself: Whether the shell can touch itself, or obstacles alone.
         """
         self.n_nodes, self.parts, self.exempt = len(reference), parts, exempt
         cut = subdivide(cells, parts, orientation=orientation, n_nodes=self.n_nodes)
@@ -78,8 +75,7 @@ class ContactSurface:
         self.mesh = _collision_mesh(
             np.concatenate([rest, rest, _shrunk(self._rigid, rest, cut.triangles)]), self.triangles
         )
-        self.closed = _is_closed(cut.triangles) if closed is None else closed
-        self.mesh.can_collide = self._filter(rest, cut.triangles, exempt, itself)
+        self.mesh.can_collide = self._filter(rest, cut.triangles, exempt, closed)
         faces = sparse.block_diag([self.map, self.map], format="csr")
         held = sparse.csr_array((len(self._rigid.vertices), 2 * self.n_nodes))
         both = sparse.vstack([faces, held])
@@ -87,7 +83,11 @@ class ContactSurface:
         self._pull_back = sparse.csr_array(self._pull.T)
 
     def _filter(
-        self, rest: Floats, triangles: NDArray[np.int32], exempt: float, itself: bool
+        self,
+        rest: Floats,
+        triangles: NDArray[np.int32],
+        exempt: float,
+        closed: bool | None,
     ) -> ipctk.CollisionFilter:
         """Return which vertices can collide: no neighbours, no two of obstacles.
 
@@ -95,17 +95,25 @@ class ContactSurface:
         can touch its inner face with its outer.
         """
         n, obstacles = self.n_face, len(self._rigid.vertices)
-        body = np.repeat([0, 1], [2 * n, obstacles]).astype(np.int32)
-        of_obstacle = ipctk.make_vertex_patches_filter(body)
-        rules = [ipctk.make_static_obstacle_filter(2 * n)] if obstacles else []
-        if not itself:
-            return reduce(operator.and_, [*rules, of_obstacle])
-        if self.closed:
+        _, count = np.unique(
+            np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1),
+            axis=0,
+            return_counts=True,
+        )
+        closed = bool((count == 2).all()) if closed is None else closed
+        apart = ipctk.make_sparse_filter(
+            _neighbours(rest, triangles, exempt, across=not closed), True
+        )
+        rules = [apart]
+        if closed:
             side = np.repeat([0, 1, 2], [n, n, obstacles]).astype(np.int32)
             same_side = ~ipctk.make_vertex_patches_filter(side)
-            rules.append(same_side | of_obstacle if obstacles else same_side)
-        apart = _neighbours(rest, triangles, exempt, across=not self.closed)
-        return reduce(operator.and_, [*rules, ipctk.make_sparse_filter(apart, True)])
+            body = np.repeat([0, 1], [2 * n, obstacles]).astype(np.int32)
+            of_obstacle = ipctk.make_vertex_patches_filter(body)
+            rules.insert(0, same_side | of_obstacle if obstacles else same_side)
+        if obstacles:
+            rules.insert(0, ipctk.make_static_obstacle_filter(2 * n))
+        return reduce(operator.and_, rules)
 
     def vertices(self, faces: Floats, time: float = 0.0) -> Floats:
         """Return the places of all vertices, shape (n_vertices, 3), in Fortran's order.
@@ -168,13 +176,6 @@ def _shrunk(rigid: ObstacleMesh, rest: Floats, triangles: NDArray[np.int32]) -> 
     shrink = min(1.0, float(np.sqrt(np.median(areas[0]) / areas[1].max())))
     shrunk: Floats = shrink * rigid.vertices
     return shrunk
-
-
-def _is_closed(triangles: NDArray[np.int32]) -> bool:
-    """Return whether every edge is one of two triangles."""
-    edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    _, count = np.unique(edges, axis=0, return_counts=True)
-    return bool((count == 2).all())
 
 
 def _areas(vertices: Floats, triangles: NDArray[np.int32]) -> Floats:

@@ -12,7 +12,6 @@ from scipy.integrate import quad
 from opticcup_fem.contact.barrier import Barrier
 from opticcup_fem.contact.law import barrier, repulsion
 from opticcup_fem.contact.repulsion import RAMP, Repulsion
-from opticcup_fem.contact.surface import ContactSurface
 from opticcup_fem.snapshot import Floats, Snapshot
 from tests.support.shapes import deformed, revolved, sphere_mesh
 from tests.unit.test_contact import FLAT, ROUND, H, dimple, faces_of, surface_of
@@ -94,23 +93,6 @@ def test_energy_of_flat_faces(sphere: Snapshot, gap: float) -> None:
     assert potential.gradient(apart) is None and potential.hessian(apart) is None
 
 
-def test_only_an_open_shell_touches_its_inner_face_with_its_outer(sphere: Snapshot) -> None:
-    """Two bowls: the inner face of one on the outer face of the other."""
-    below, gap = sphere.reference[:, 2] < 0, 0.5 * D_HAT
-    whole = (below[sphere.cells] == below[sphere.cells[:, :1]]).all(axis=1)
-    shape = (sphere.reference, sphere.cells[whole], sphere.orientation[whole])
-    flat = pressed_flat(sphere, gap)
-    faces = np.stack([flat, flat])
-    faces[0, below, 2], faces[1, ~below, 2] = -5.0, 5.0
-    energies = []
-    for closed in (None, True):
-        surface = ContactSurface(*shape, 0.1, closed=closed)
-        bowls = Repulsion(sphere.reference, shape[1], surface, H, D_HAT, STIFFNESS)
-        energies.append(bowls.energy(faces))
-    assert energies[0] > 0.7 * expected_energy(sphere, gap)
-    assert energies[1] == 0.0
-
-
 def test_gradient_and_hessian_are_derivatives(sphere: Snapshot) -> None:
     """Central differences along a random motion; the convex part has no negative eigenvalue."""
     potential, faces = repulsion_of(sphere), faces_of(dimple(sphere, GAP))
@@ -163,7 +145,7 @@ def test_sliding_faces_feel_no_points(sphere: Snapshot) -> None:
 
         return faces_of(deformed(sphere, shape))
 
-    angles, surface = np.linspace(0, 0.2, 4), surface_of(sphere)
+    angles, surface = np.linspace(0, 0.2, 3), surface_of(sphere)
     smooth, rough = repulsion_of(sphere), Barrier(surface, D_HAT, STIFFNESS)
     ripples = []
     for energy in (smooth.energy, lambda faces: rough.energy(surface.vertices(faces))):
@@ -183,7 +165,7 @@ def test_points_are_looked_for_where_the_faces_are(sphere: Snapshot) -> None:
     """What has seen other states finds the contact of a later one, and forgets the others."""
     used = repulsion_of(sphere)
     used.energy(faces_of(dimple(sphere, GAP)))
-    for gap in (0.1, 0.095, 0.3, 0.06):
+    for gap in (0.1, 0.3, 0.06):
         faces, fresh = faces_of(dimple(sphere, gap)), repulsion_of(sphere)
         assert used.energy(faces) == pytest.approx(fresh.energy(faces), rel=0.01)
     used.forget()
