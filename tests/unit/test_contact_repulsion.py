@@ -5,6 +5,8 @@ stiffness are derivatives of the energy, push apart and balance; faces that slid
 nothing of the points; neighbours along the shell never touch.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from scipy.integrate import quad
@@ -29,28 +31,24 @@ def repulsion_of(mesh: Snapshot, distance: float = D_HAT) -> Repulsion:
     return Repulsion(mesh.reference, mesh.cells, surface_of(mesh), H, distance, STIFFNESS)
 
 
-def test_barrier_and_its_derivatives() -> None:
-    """By central differences; nought from 1 on, and unbounded."""
+@pytest.mark.parametrize("law", [barrier, repulsion])
+def test_derivatives_of_the_laws(law: Callable[[Floats], tuple[Floats, Floats, Floats]]) -> None:
+    """By central differences; they push apart, and are nought from 1 on."""
     x, step = np.linspace(0.05, 0.99, 40), 1e-6
-    _, slope, bend = barrier(x)
-    up, down = barrier(x + step), barrier(x - step)
-    np.testing.assert_allclose(slope, (up[0] - down[0]) / (2 * step), rtol=1e-6, atol=1e-9)
-    np.testing.assert_allclose(bend, (up[1] - down[1]) / (2 * step), rtol=1e-6, atol=1e-9)
-    assert (bend > 0).all() and (slope < 0).all()
-    assert [one[0] for one in barrier(np.array([1.0]))] == [0, 0, 0]
-    assert barrier(np.array([1e-9]))[0][0] > 40
-    assert barrier(np.array([0.5]))[0][0] == pytest.approx(0.5625 * np.log(4))
-
-
-def test_repulsion_and_its_derivatives() -> None:
-    """By central differences; nought from 1 on; psi is -b'(x)/x."""
-    u, step = np.linspace(0.02, 0.99, 40), 1e-6
-    value, slope, bend = repulsion(u)
-    up, down = repulsion(u + step), repulsion(u - step)
+    _, slope, bend = law(x)
+    up, down = law(x + step), law(x - step)
     np.testing.assert_allclose(slope, (up[0] - down[0]) / (2 * step), rtol=1e-5, atol=1e-9)
     np.testing.assert_allclose(bend, (up[1] - down[1]) / (2 * step), rtol=1e-5, atol=1e-9)
-    np.testing.assert_allclose(value, -barrier(np.sqrt(u))[1] / np.sqrt(u))
-    assert [one[0] for one in repulsion(np.array([1.5]))] == [0, 0, 0]
+    assert (bend > 0).all() and (slope < 0).all()
+    assert [one[0] for one in law(np.array([1.5]))] == [0, 0, 0]
+
+
+def test_laws() -> None:
+    """The barrier is unbounded, and known at a half; psi is -b'(x)/x."""
+    assert barrier(np.array([1e-9]))[0][0] > 40
+    assert barrier(np.array([0.5]))[0][0] == pytest.approx(0.5625 * np.log(4))
+    x = np.linspace(0.1, 0.99, 9)
+    np.testing.assert_allclose(repulsion(x**2)[0], -barrier(x)[1] / x)
 
 
 @pytest.mark.parametrize("gap", [0.1, 0.5, 0.9])
