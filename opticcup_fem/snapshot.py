@@ -196,6 +196,13 @@ def lattice(n: int) -> tuple[Integers, Integers]:
     return np.array(points), np.array(triangles)
 
 
+def midpoints(n: int) -> Floats:
+    """Return the midpoints of the n^2 triangles of ``lattice``, shape (n^2, 2)."""
+    points, triangles = lattice(n)
+    middle: Floats = points[triangles].mean(axis=1) / n
+    return middle
+
+
 def _shared_keys(cells: Integers, points: Integers, n: int) -> Integers:
     """Return a key for each lattice point of each cell, equal where cells share the point.
 

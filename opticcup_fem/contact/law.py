@@ -33,3 +33,10 @@ def repulsion(u: Floats) -> tuple[Floats, Floats, Floats]:
     slope = 4 * log + 8 * part - 2 * part * part
     bend = 4 / u + 8 / u**2 - 4 * part / u**2
     return value, slope, np.where(u < 1, bend, 0.0)
+
+
+def rise(x: Floats) -> Floats:
+    """Return what grows smoothly from 0 at x = 0 to 1 at x = 1, and stays."""
+    x = np.clip(x, 0.0, 1.0)
+    share: Floats = x**2 * (3 - 2 * x)
+    return share

@@ -25,9 +25,16 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.spatial import cKDTree
 
-from opticcup_fem.contact.law import repulsion
+from opticcup_fem.contact.law import repulsion, rise
 from opticcup_fem.contact.surface import ContactSurface, longest_edges
-from opticcup_fem.snapshot import Floats, Integers, lagrange_basis, lagrange_gradient, lattice
+from opticcup_fem.snapshot import (
+    Floats,
+    Integers,
+    lagrange_basis,
+    lagrange_gradient,
+    lattice,
+    midpoints,
+)
 
 Mask = NDArray[np.bool_]
 
@@ -165,8 +172,7 @@ class Repulsion:
         x, size = points.map @ faces.reshape(-1, 3), self._size[points.patch % len(self._radius)]
         pairs = self._pairs(x, points.patch, np.zeros(len(x)), reach)
         far = _distances(points.rest, pairs) - self._exempt - size[pairs].sum(axis=1)
-        ramp = np.clip(far / self._ramp, 0.0, 1.0)
-        weights = ramp**2 * (3 - 2 * ramp) * points.area[pairs].prod(axis=1)
+        weights = rise(far / self._ramp) * points.area[pairs].prod(axis=1)
         return _Near(faces.copy(), points.map, pairs[weights > 0], weights[weights > 0])
 
     def _points_near(self, faces: Floats, radius: Floats, reach: float) -> _Points:
@@ -233,7 +239,7 @@ class Repulsion:
             n: Parts of each edge.
             kept: Which points are wanted, shape (k, n^2).
         """
-        middle = _midpoints(n)
+        middle = midpoints(n)
         weights = np.column_stack([1 - middle.sum(axis=1), middle])
         inside = np.einsum("qk,tka->tqa", weights, self._corners).reshape(-1, 2)
         table = lagrange_basis(inside).reshape(len(self._corners), len(middle), 10)
@@ -342,16 +348,9 @@ class Repulsion:
         return sparse.csr_array((np.concatenate(data), where), shape=(3 * n, 3 * n))
 
 
-def _midpoints(n: int) -> Floats:
-    """Return the midpoints of n^2 equal parts of a triangle, shape (n^2, 2)."""
-    points, triangles = lattice(n)
-    middle: Floats = points[triangles].mean(axis=1) / n
-    return middle
-
-
 def _parents(n: int, parts: int) -> Integers:
     """Return for each of n^2 equal parts of a triangle in which of parts^2 its midpoint is."""
-    _, nearest = cKDTree(_midpoints(parts) @ SKEWED).query(_midpoints(n) @ SKEWED)
+    _, nearest = cKDTree(midpoints(parts) @ SKEWED).query(midpoints(n) @ SKEWED)
     parents: Integers = nearest
     return parents
 

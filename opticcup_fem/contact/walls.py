@@ -19,8 +19,9 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import sparse
 
-from opticcup_fem.contact.law import barrier
-from opticcup_fem.snapshot import Floats, Integers, lagrange_basis, lagrange_gradient, lattice
+from opticcup_fem.contact.law import barrier, rise
+from opticcup_fem.contact.surface import longest_edges
+from opticcup_fem.snapshot import Floats, Integers, lagrange_basis, lagrange_gradient, midpoints
 
 SPACING = 0.25
 """Largest distance of neighbouring points in the reference position, over the thickness."""
@@ -62,8 +63,8 @@ class Walls:
         maps, areas = zip(*_points(reference, cells, SPACING * thickness), strict=True)
         self._map = sparse.csr_array(sparse.vstack(maps, format="csr"))
         far = (self._map @ reference)[:, self._planes]
-        ramp = np.clip((far - distance) / (MARGIN * thickness) - 1.0, 0.0, 1.0)
-        self._weights: Floats = np.concatenate(areas)[:, None] * ramp**2 * (3 - 2 * ramp)
+        share = rise((far - distance) / (MARGIN * thickness) - 1.0)
+        self._weights: Floats = np.concatenate(areas)[:, None] * share
 
     def distances(self, faces: Floats) -> Floats:
         """Return the distances of the points from the planes, shape (2, n_points, n_planes).
@@ -145,14 +146,11 @@ def _points(
     reference: Floats, cells: Integers, spacing: float
 ) -> list[tuple[sparse.csr_array, Floats]]:
     """Return, for cells cut alike, the map from nodes to midpoints and the areas around these."""
-    corners = reference[cells[:, :3]]
-    edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    parts = np.ceil(edges / spacing).astype(int)
+    parts = np.ceil(longest_edges(reference[cells[:, :3]]) / spacing).astype(int)
     found = []
     for n in np.unique(parts):
         alike = cells[parts == n]
-        points, triangles = lattice(int(n))
-        middle = points[triangles].mean(axis=1) / n
+        middle = midpoints(int(n))
         basis, slopes = lagrange_basis(middle), lagrange_gradient(middle)
         base = np.einsum("qja,cji->cqai", slopes, reference[alike])
         area = np.linalg.norm(np.cross(base[:, :, 0], base[:, :, 1]), axis=2) / (2 * n * n)

@@ -1,7 +1,7 @@
 """Mirrors as walls: the contact of a shell with its own mirror image.
 
-What matters: the energy is that of two flat faces in closed form, force and
-stiffness are its derivatives; the part and its images together push as the pairs of the whole do;
+What matters: the energy is that of two flat faces in closed form, force and stiffness are its
+derivatives; the part and its images together push as the pairs of the whole do;
 what bends across a mirror does not touch it; no step goes through.
 """
 
