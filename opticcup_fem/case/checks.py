@@ -271,16 +271,20 @@ def _check_mesh_is_not_endless(case: Case) -> None:
     cap, oov = 2 * math.pi * (1 - math.cos(alpha)), 2 * math.pi * (1 + math.cos(alpha))
     # Equilateral triangles, with the finest size over a band about one cell wide at the circle.
     band = 2 * math.pi * math.sin(alpha) * mesh.cell_size_interface
-    sizes = (mesh.cell_size_cap, mesh.cell_size_oov, mesh.cell_size_interface)
-    cells = sum(
-        area / (math.sqrt(3) / 4 * size**2)
-        for area, size in zip((cap, oov, band), sizes, strict=True)
-    )
+    parts = [
+        (cap, mesh.cell_size_cap, "cell_size_cap"),
+        (oov, mesh.cell_size_oov, "cell_size_oov"),
+        (band, mesh.cell_size_interface, "cell_size_interface"),
+    ]
+    for spot in mesh.refinements:
+        disc = math.pi * (spot.extent + 2 * spot.cell_size) ** 2
+        parts.append((max(1, 2 * mesh.symmetry) * disc, spot.cell_size, "refinements.cell_size"))
+    cells = sum(area / (math.sqrt(3) / 4 * size**2) for area, size, _ in parts)
     if cells > MOST_CELLS:
-        key = min(("cap", "oov", "interface"), key=lambda name: getattr(mesh, f"cell_size_{name}"))
+        _, size, key = min(parts, key=lambda part: part[1])
         _reject(
-            f"mesh.cell_size_{key}",
-            min(sizes),
+            f"mesh.{key}",
+            size,
             f"the mesh would have about {cells:.1g} cells, more than {MOST_CELLS:g}; take larger "
             "cells (units of R)",
         )

@@ -201,6 +201,17 @@ class Run(_Table):
     )
 
 
+class RefinementTable(_Table):
+    """A disc on the sphere with smaller cells, which grow around it; lengths in units of R."""
+
+    colatitude_deg: float = Field(ge=0, le=180, description="colatitude of its centre in degrees")
+    azimuth_deg: float = Field(default=0.0, description="azimuth of its centre in degrees")
+    extent: float = Field(
+        default=0.2, ge=0, le=1, description="from its centre to its edge, along the sphere"
+    )
+    cell_size: CellSize = Field(description="cell size in it")
+
+
 class Mesh(_Table):
     """Surface mesh, sizes in units of R; the meridian's follows from R/h.
 
@@ -223,6 +234,12 @@ class Mesh(_Table):
         le=8,
         description="mirror planes through the axis: with 2 m of them a loss of symmetry in m is "
         'sharp; default 4, with run.follow = "stable" none, unless mirrors are kept',
+    )
+    refinements: tuple[RefinementTable, ...] = Field(
+        default=(),
+        strict=False,  # a TOML array is a list
+        description="discs of smaller cells, and their mirror images: colatitude_deg, cell_size, "
+        "azimuth_deg, extent",
     )
 
 

@@ -7,9 +7,9 @@ The potential is a double integral over the faces,
 x and y the places of X and Y, areas those of the reference position, psi of ``contact.law``: two
 flat parallel faces have the energy k d_hat b(g/d_hat) per area.  There are no closest points, no
 normals and no triangles in it, so that it is as smooth as the faces are when they slide on each
-other.  c(X, Y) is nought for neighbours along the shell, those that the collision mesh exempts, and
-grows smoothly to 1 where they are farther than these in the reference position.  Only parts of one
-face touch: the shell is closed.
+other.  c(X, Y) is nought for neighbours along the shell, nearer than the distance in the reference
+position that the collision mesh exempts, and grows smoothly to 1 where they are farther.  Only
+parts of one face touch: the shell is closed.
 
 It is summed over the midpoints of triangles that are .4 d_hat large where the faces are *now*;
 they are laid out anew with ``forget``, and kept in between.
@@ -140,7 +140,6 @@ class Repulsion:
         self._basis = lagrange_basis(self._corners).reshape(-1, 3, 10)
         rest = self._patches(reference)
         self._radius = _radius(rest)
-        self._size = surface.triangle_sizes
         slopes = lagrange_gradient(self._corners.mean(axis=1))
         base = np.einsum("tja,cji->ctai", slopes, reference[cells]).reshape(-1, 2, 3)
         area = np.linalg.norm(np.cross(base[:, 0], base[:, 1]), axis=1)
@@ -169,10 +168,10 @@ class Repulsion:
         reach = (1 + 2 * ROOM) * self.distance
         radius = np.concatenate([_radius(c) for c in corners])
         points = self._points_near(faces, radius, reach)
-        x, size = points.map @ faces.reshape(-1, 3), self._size[points.patch % len(self._radius)]
+        x = points.map @ faces.reshape(-1, 3)
         pairs = self._pairs(x, points.patch, np.zeros(len(x)), reach)
-        far = _distances(points.rest, pairs) - self._exempt - size[pairs].sum(axis=1)
-        weights = rise(far / self._ramp) * points.area[pairs].prod(axis=1)
+        beyond = (_distances(points.rest, pairs) - self._exempt) / self._ramp
+        weights = rise(np.asarray(beyond, dtype=np.float64)) * points.area[pairs].prod(axis=1)
         return _Near(faces.copy(), points.map, pairs[weights > 0], weights[weights > 0])
 
     def _points_near(self, faces: Floats, radius: Floats, reach: float) -> _Points:
@@ -191,14 +190,13 @@ class Repulsion:
         kept: Mask = np.ones((len(patches), 1), dtype=bool)
         while True:
             parts = self._points(patches, n, kept)
-            patch = parts.patch % count
             large = radius[parts.patch] / n
             x = parts.map @ faces.reshape(-1, 3)
             pairs = self._pairs(x, parts.patch, large, reach)
-            extent = self._radius[patch] / n - self._size[patch]
+            extent = self._radius[parts.patch % count] / n
             far = _distances(parts.rest, pairs) + extent[pairs].sum(axis=1)
             apart = _distances(x, pairs) - large[pairs].sum(axis=1)
-            near = np.zeros(len(patch), dtype=bool)
+            near = np.zeros(len(large), dtype=bool)
             near[pairs[(far > self._exempt) & (apart < reach)].ravel()] = True
             kept[kept] = near
             some = kept.any(axis=1)

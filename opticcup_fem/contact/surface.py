@@ -32,8 +32,6 @@ class ContactSurface:
         n_face: Vertices of one face.
         parts: Parts of each cell's edge.
         exempt: Parts nearer than this, and the sizes of their triangles, never collide.
-        triangle_sizes: Longest edge at the corners of each triangle of a face, in the reference
-            position; cell by cell in the order of ``lattice``.
         map: P, shape (n_face, n_nodes).
         triangles: Triangles of all, shape (n_triangles, 3).
         mesh: IPC Toolkit's mesh.
@@ -71,7 +69,6 @@ class ContactSurface:
         rigid = self._rigid.triangles + 2 * n
         self.triangles: NDArray[np.int32] = np.concatenate([inner, outer, rigid]).astype(np.int32)
         self._rest = rest = self.map @ reference
-        self.triangle_sizes: Floats = vertex_sizes(rest, cut.triangles)[cut.triangles].max(axis=1)
         self.mesh = _collision_mesh(
             np.concatenate([rest, rest, _shrunk(self._rigid, rest, cut.triangles)]), self.triangles
         )

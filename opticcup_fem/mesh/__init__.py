@@ -2,12 +2,14 @@
 
 from opticcup_fem.mesh.builders import cup_mesh, disk_mesh, open_cap_mesh
 from opticcup_fem.mesh.msh_file import read_msh, write_msh
+from opticcup_fem.mesh.refinement import Refinement
 from opticcup_fem.mesh.strip import strip_mesh
 from opticcup_fem.mesh.surface_mesh import SurfaceMesh
 from opticcup_fem.mesh.surfaces import Plane, Sphere, Surface
 
 __all__ = [
     "Plane",
+    "Refinement",
     "Sphere",
     "Surface",
     "SurfaceMesh",

@@ -1,5 +1,7 @@
 """The meshes with a circle: cup, open cap and disk."""
 
+from collections.abc import Sequence
+
 from mpi4py import MPI
 
 import numpy as np
@@ -8,6 +10,7 @@ import numpy.typing as npt
 from opticcup_fem.mesh.checks import check_angle, check_symmetry, edge_count, positive
 from opticcup_fem.mesh.disc import jitter, mesh_disc, on_sphere, plane_radius
 from opticcup_fem.mesh.distribute import distribute
+from opticcup_fem.mesh.refinement import STEEPEST, Refinement, refined
 from opticcup_fem.mesh.surface_mesh import SurfaceMesh
 from opticcup_fem.mesh.surfaces import Plane, Sphere
 from opticcup_fem.mesh.triangulation import Triangulation
@@ -22,9 +25,6 @@ TRANSITION = 0.5
 It does not shrink with the sizes: halved sizes halve every cell, as convergence studies need.
 """
 
-STEEPEST = 0.5
-"""Largest growth of the cell size per distance; beyond it, angles fall below 30 degrees."""
-
 
 def cup_mesh(
     opening_angle: float,
@@ -36,6 +36,7 @@ def cup_mesh(
     radius: float = 1.0,
     transition: float | None = None,
     symmetry: int = 0,
+    refinements: Sequence[Refinement] = (),
 ) -> SurfaceMesh:
     """Mesh the closed sphere made of cap and OOV (collective).
 
@@ -54,6 +55,8 @@ def cup_mesh(
             unless given.
         symmetry: k of a mesh with k mirror planes through the z axis, the first one y = 0, and so
             of a k-fold axis; 0 for none.  Waves cos m phi with k = 2 m or more break its symmetry.
+        refinements: Where cells are smaller than that; on a mesh with mirror planes in all images
+            of these places, too.
 
     Raises:
         MeshError: An argument is out of range, or the interface circle would have fewer than
@@ -75,8 +78,10 @@ def cup_mesh(
     def build() -> Triangulation:
         phi = _angles(edges)
         shared = (interface, seed, width / radius, symmetry)
-        top, top_cells = _cap(opening_angle, phi, cap, *shared)
-        bottom, bottom_cells = _cap(np.pi - opening_angle, phi, oov, *shared)
+        spots = [spot.folded(symmetry).in_radii(radius) for spot in refinements]
+        below = [spot.upside_down() for spot in spots]
+        top, top_cells = _cap(opening_angle, phi, cap, *shared, spots)
+        bottom, bottom_cells = _cap(np.pi - opening_angle, phi, oov, *shared, below)
         bottom = bottom * np.array([1.0, 1.0, -1.0])
         # one copy of the circle's vertices: the OOV's first ones are the cap's first ones
         others = np.arange(edges, len(bottom)) + len(top) - edges
@@ -181,6 +186,7 @@ def _cap(
     seed: int,
     width: float = TRANSITION,
     symmetry: int = 0,
+    refinements: Sequence[Refinement] = (),
 ) -> tuple[Array, npt.NDArray[np.int64]]:
     """Mesh the unit sphere's cap about +z: rim vertices at ``phi`` first, then the pole."""
     noise = jitter(seed)
@@ -188,8 +194,9 @@ def _cap(
     def size(x: float, y: float) -> float:
         place = on_sphere(np.array([[x, y]]))[0]
         distance = angle - np.arccos(np.clip(place[2], -1.0, 1.0))
+        wanted = refined(_graded(distance, rim, inner, width), place, refinements)
         # 1 + rho^2/4 is the stereographic map's local scale, plane over sphere
-        return _graded(distance, rim, inner, width) * noise(place) * (1.0 + 0.25 * (x * x + y * y))
+        return wanted * noise(place) * (1.0 + 0.25 * (x * x + y * y))
 
     circle = np.stack([np.cos(phi), np.sin(phi)], axis=1)
     plane, cells = mesh_disc(plane_radius(angle) * circle, size, seed, symmetry)

@@ -17,7 +17,7 @@ from opticcup_fem.equilibrium.path import LoadStepping
 from opticcup_fem.equilibrium.problem import Problem
 from opticcup_fem.equilibrium.steps import StepControl
 from opticcup_fem.equilibrium.transport import surface_balance
-from opticcup_fem.mesh import SurfaceMesh, cup_mesh, disk_mesh, open_cap_mesh
+from opticcup_fem.mesh import Refinement, SurfaceMesh, cup_mesh, disk_mesh, open_cap_mesh
 from opticcup_fem.scalar_fields import ScalarField, require_growth, require_values
 from opticcup_fem.shell.balance import BalanceLaw
 from opticcup_fem.shell.growth import (
@@ -164,6 +164,15 @@ def mesh_of(case: Case, comm: MPI.Comm) -> SurfaceMesh:
         seed=mesh.seed,
         comm=comm,
         symmetry=mesh.symmetry,
+        refinements=[
+            Refinement(
+                math.radians(spot.colatitude_deg),
+                math.radians(spot.azimuth_deg),
+                spot.extent,
+                spot.cell_size,
+            )
+            for spot in mesh.refinements
+        ],
     )
 
 

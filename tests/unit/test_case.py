@@ -68,6 +68,18 @@ WRONG = {
     "too coarse below": ("mesh.cell_size_oov=0.7", ["= 0.7", "too coarse", "0.611"]),
     "coarse interface": ("mesh.cell_size_interface=0.32", ["finest", "at most 0.3"]),
     "endless mesh": ("mesh.cell_size_oov=0.003", ["cell_size_interface", "cells"]),
+    "endless spot": (
+        "mesh.refinements=[{colatitude_deg = 70, extent = 1, cell_size = 0.001}]",
+        ["mesh.refinements.cell_size = 0.001", "cells"],
+    ),
+    "spot without a size": (
+        "mesh.refinements=[{colatitude_deg = 70}]",
+        ["cell_size in entry 1 of mesh.refinements is missing"],
+    ),
+    "spot below the pole": (
+        "mesh.refinements=[{colatitude_deg = 190, cell_size = 0.05}]",
+        ["colatitude_deg in entry 1 of mesh.refinements", "= 190", "at most 180"],
+    ),
     "half a seed": ("mesh.seed=2.5", ["= 2.5", "a whole number"]),
     "steps in disorder": ("solver.min_step=0.02", ["initial_step = 0.01"]),
     "first step too long": ("solver.initial_step=0.2", ["max_step = 0.1"]),

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 from mpi4py import MPI
 
@@ -24,6 +25,7 @@ from scipy.spatial import cKDTree
 from opticcup_fem.errors import MeshError
 from opticcup_fem.mesh import (
     Plane,
+    Refinement,
     Sphere,
     SurfaceMesh,
     cup_mesh,
@@ -181,6 +183,37 @@ def test_symmetric_mesh_is_its_own_mirror_image(planes: int) -> None:
     assert angles.min() > 25 and angles.max() < 120
     edges = np.sort(cells[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     assert np.all(np.unique(edges, axis=0, return_counts=True)[1] == 2)  # closed
+
+
+@pytest.mark.parametrize(
+    ("azimuth", "planes", "images"),
+    [(0.4, 0, [0.4]), (0.0, 2, [0.0, math.pi]), (0.4 + math.pi, 2, [0.4, -0.4, math.pi - 0.4])],
+)
+@pytest.mark.parametrize("radius", [1.0, 50.0])
+def test_cells_are_small_in_refinements_and_in_their_images(
+    azimuth: float, planes: int, images: list[float], radius: float
+) -> None:
+    spot = Refinement(1.3, azimuth, 0.2 * radius, 0.04 * radius)
+    sizes = radius * SIZES
+    settings: dict[str, Any] = {"radius": radius, "symmetry": planes, "comm": COMM}
+    whole = serial(cup_mesh(ALPHA, *sizes, **settings, refinements=[spot]))
+    bare = serial(cup_mesh(ALPHA, *sizes, **settings))
+    corners = whole.points[whole.cells] / radius
+    size = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1).mean(axis=1)
+    centre = corners.mean(axis=1)
+    distance = np.full(len(size), np.inf)
+    for image in images:
+        place = [math.sin(1.3) * math.cos(image), math.sin(1.3) * math.sin(image), math.cos(1.3)]
+        away = np.arccos(np.clip(centre @ place / np.linalg.norm(centre, axis=1), -1, 1))
+        assert size[away < 0.18].mean() == pytest.approx(0.04, rel=0.15)
+        distance = np.minimum(distance, away)
+    if len(images) == 2 or planes == 0:  # all of them
+        assert size[(distance > 0.9) & (centre[:, 2] < 0)].mean() == pytest.approx(0.35, rel=0.2)
+        added = len(whole.cells) - len(bare.cells)
+        disc = math.pi * 0.2**2 / (math.sqrt(3) / 4 * 0.04**2)
+        assert len(images) * disc < added < 3 * len(images) * disc
+    angles = np.degrees(corner_angles(whole.points, whole.cells))
+    assert angles.min() > 25 and angles.max() < 120
 
 
 def test_symmetric_meshes_differ_by_their_seed() -> None:
@@ -462,6 +495,10 @@ def test_gmsh_is_finalised_and_silent(capfd: pytest.CaptureFixture[str]) -> None
         (lambda: cup_mesh(ALPHA, 0.2, 0.1, 0.3, transition=0.0), "transition is 0"),
         (lambda: cup_mesh(ALPHA, *SIZES, radius=-1.0), "radius of the sphere is -1"),
         (lambda: cup_mesh(ALPHA, *SIZES, symmetry=9), "symmetry is 9"),
+        (lambda: Refinement(4.0, 0.0, 0.1, 0.1), "colatitude 4 rad .*180 degrees"),
+        (lambda: Refinement(1.0, math.inf, 0.1, 0.1), "azimuth inf"),
+        (lambda: Refinement(1.0, 0.0, -0.1, 0.1), "extent -0.1"),
+        (lambda: Refinement(1.0, 0.0, 0.1, 0.0), "cell size 0; give .* above 0"),
         (lambda: cup_mesh(ALPHA, 0.8, 0.8, 0.8), r"gives 5 edges .* to 0.505 or less"),
         (lambda: open_cap_mesh(ALPHA, 0.7), "too coarse: cell_size_rim = 0.7"),
         (lambda: open_cap_mesh(-1.0, 0.1), "opening angle is -1 rad"),
