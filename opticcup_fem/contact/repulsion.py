@@ -36,8 +36,6 @@ from opticcup_fem.snapshot import (
     midpoints,
 )
 
-Mask = NDArray[np.bool_]
-
 SPACING = 0.4
 """Size of the triangles that points stand for, over d_hat."""
 
@@ -53,6 +51,24 @@ part that a point is in."""
 
 BULGE = 1.15
 """Radius of a curved patch over that of its corners: a bound for looking."""
+
+
+class _Parts(NamedTuple):
+    """Some of the n^2 equal parts of patches, which stand for their midpoints; shape (k,) each.
+
+    Attributes:
+        patch: Patch of each, counted over both faces.
+        n: Parts of the patch's edge.
+        number: Which of its n^2 parts, in the order of ``midpoints``.
+    """
+
+    patch: Integers
+    n: Integers
+    number: Integers
+
+    def of(self, some: Integers) -> _Parts:
+        """Return some of them."""
+        return _Parts(*(values[some] for values in self))
 
 
 class _Points(NamedTuple):
@@ -167,17 +183,18 @@ class Repulsion:
             self._levels = np.ceil(size / (SPACING * self.distance)).astype(int)
         reach = (1 + 2 * ROOM) * self.distance
         radius = np.concatenate([_radius(c) for c in corners])
-        points = self._points_near(faces, radius, reach)
+        points = self._points(self._parts_near(faces, radius, reach))
         x = points.map @ faces.reshape(-1, 3)
         pairs = self._pairs(x, points.patch, np.zeros(len(x)), reach)
         beyond = (_distances(points.rest, pairs) - self._exempt) / self._ramp
         weights = rise(np.asarray(beyond, dtype=np.float64)) * points.area[pairs].prod(axis=1)
         return _Near(faces.copy(), points.map, pairs[weights > 0], weights[weights > 0])
 
-    def _points_near(self, faces: Floats, radius: Floats, reach: float) -> _Points:
-        """Return the points of all parts of patches that others are near to.
+    def _parts_near(self, faces: Floats, radius: Floats, reach: float) -> _Parts:
+        """Return the parts of patches, as small as points stand for, that others are near to.
 
-        Patches that are near others are cut into four, again and again.
+        Pairs of patches that are near each other are cut into pairs of their quarters, again and
+        again, until these are two to four times as large as points stand for.
 
         Args:
             faces: Places of the faces.
@@ -185,31 +202,25 @@ class Repulsion:
             reach: What is near.
         """
         assert self._levels is not None
-        count, n = len(self._radius), 1
-        patches: Integers = np.arange(2 * count)
-        kept: Mask = np.ones((len(patches), 1), dtype=bool)
+        count = len(self._radius)
+        every: Integers = np.arange(2 * count)
+        parts = _Parts(every, np.ones_like(every), np.zeros_like(every))
+        pairs = self._pairs(self._midpoints(parts, faces)[0], parts.patch, radius, reach)
         while True:
-            parts = self._points(patches, n, kept)
-            large = radius[parts.patch] / n
-            x = parts.map @ faces.reshape(-1, 3)
-            pairs = self._pairs(x, parts.patch, large, reach)
-            extent = self._radius[parts.patch % count] / n
-            far = _distances(parts.rest, pairs) + extent[pairs].sum(axis=1)
+            x, rest = self._midpoints(parts, faces)
+            large = radius[parts.patch] / parts.n
+            extent = self._radius[parts.patch % count] / parts.n
             apart = _distances(x, pairs) - large[pairs].sum(axis=1)
-            near = np.zeros(len(large), dtype=bool)
-            near[pairs[(far > self._exempt) & (apart < reach)].ravel()] = True
-            kept[kept] = near
-            some = kept.any(axis=1)
-            patches, kept = patches[some], kept[some]
-            level = self._levels[patches % count]
-            if 4 * n > level.max(initial=0):
-                break
-            n, kept = 2 * n, kept[:, _parents(2 * n, n)]
-        fine = [
-            self._points(patches[level == k], int(k), kept[level == k][:, _parents(int(k), n)])
-            for k in np.unique(level)
-        ]
-        return _joined(fine, 2 * len(self._reference))
+            far = _distances(rest, pairs) + extent[pairs].sum(axis=1)
+            some, numbers = np.unique(
+                pairs[(far > self._exempt) & (apart < reach)], return_inverse=True
+            )
+            parts, pairs = parts.of(some), numbers.reshape(-1, 2)
+            level = self._levels[parts.patch % count]
+            cut = 4 * parts.n <= level
+            if not cut.any():
+                return _cut_to(level, parts)
+            parts, pairs = _quartered(parts, pairs, cut)
 
     def _pairs(self, x: Floats, patch: Integers, radius: Floats, reach: float) -> Integers:
         """Return pairs of balls that are nearer than the reach and whose faces can touch.
@@ -229,27 +240,35 @@ class Repulsion:
         pairs: Integers = np.concatenate(found)
         return pairs
 
-    def _points(self, patches: Integers, n: int, kept: Mask) -> _Points:
-        """Return some of the n^2 points of each of some patches of both faces.
+    def _interpolation(self, parts: _Parts) -> tuple[Floats, Integers]:
+        """Return the basis at midpoints of parts and its nodes, both of shape (k, 10)."""
+        cell, kind = np.divmod(parts.patch % len(self._radius), len(self._corners))
+        basis = np.empty((len(cell), 10))
+        for n in np.unique(parts.n):
+            middle = midpoints(int(n))
+            weights = np.column_stack([1 - middle.sum(axis=1), middle])
+            inside = np.einsum("qk,tka->tqa", weights, self._corners).reshape(-1, 2)
+            table = lagrange_basis(inside).reshape(len(self._corners), len(middle), 10)
+            some = parts.n == n
+            basis[some] = table[kind[some], parts.number[some]]
+        return basis, self._cells[cell]
 
-        Args:
-            patches: The patches, shape (k,).
-            n: Parts of each edge.
-            kept: Which points are wanted, shape (k, n^2).
-        """
-        middle = midpoints(n)
-        weights = np.column_stack([1 - middle.sum(axis=1), middle])
-        inside = np.einsum("qk,tka->tqa", weights, self._corners).reshape(-1, 2)
-        table = lagrange_basis(inside).reshape(len(self._corners), len(middle), 10)
-        place, point = np.nonzero(kept)
-        side, patch = np.divmod(patches[place], len(self._radius))
-        cell, kind = np.divmod(patch, len(self._corners))
-        basis, nodes = table[kind, point], self._cells[cell]
+    def _midpoints(self, parts: _Parts, faces: Floats) -> tuple[Floats, Floats]:
+        """Return where the midpoints of parts are, now and in the reference, shape (k, 3) each."""
+        basis, nodes = self._interpolation(parts)
+        side = parts.patch // len(self._radius)
+        x = np.einsum("qj,qji->qi", basis, faces[side[:, None], nodes])
+        return x, np.einsum("qj,qji->qi", basis, self._reference[nodes])
+
+    def _points(self, parts: _Parts) -> _Points:
+        """Return the points that stand for parts."""
+        basis, nodes = self._interpolation(parts)
+        side, patch = np.divmod(parts.patch, len(self._radius))
         rest = np.einsum("qj,qji->qi", basis, self._reference[nodes])
         n_nodes = len(self._reference)
-        where = ((nodes + side[:, None] * n_nodes).ravel(), 10 * np.arange(len(place) + 1))
-        matrix = sparse.csr_array((basis.ravel(), *where), shape=(len(place), 2 * n_nodes))
-        return _Points(matrix, patches[place], rest, self._area[patch] / (n * n))
+        where = ((nodes + side[:, None] * n_nodes).ravel(), 10 * np.arange(len(side) + 1))
+        matrix = sparse.csr_array((basis.ravel(), *where), shape=(len(side), 2 * n_nodes))
+        return _Points(matrix, parts.patch, rest, self._area[patch] / parts.n**2)
 
     def _listed(self, faces: Floats) -> _Near:
         """Return the list of near points, made afresh where it does not hold."""
@@ -353,21 +372,49 @@ def _parents(n: int, parts: int) -> Integers:
     return parents
 
 
-def _joined(parts: list[_Points], n_columns: int) -> _Points:
-    """Return the points of all parts."""
-    if not parts:
-        nothing = np.empty(0)
-        empty = sparse.csr_array((0, n_columns))
-        return _Points(empty, nothing.astype(np.int64), np.empty((0, 3)), nothing)
-    matrix = sparse.csr_array(sparse.vstack([part.map for part in parts], format="csr"))
-    patch, rest, area = (np.concatenate([part[k] for part in parts]) for k in (1, 2, 3))
-    return _Points(matrix, patch, rest, area)
+def _cut_to(level: Integers, parts: _Parts) -> _Parts:
+    """Return the parts of patches whose edges have ``level`` parts that lie in given ones."""
+    found = [_Parts(*np.empty((3, 0), dtype=np.int64))]
+    for k, n in np.unique(np.column_stack([level, parts.n]), axis=0):
+        some = np.flatnonzero((level == k) & (parts.n == n))
+        inside = _parents(int(k), int(n)) == parts.number[some, None]
+        place, number = np.nonzero(inside)
+        found.append(_Parts(parts.patch[some][place], np.full_like(number, k), number))
+    return _Parts(*(np.concatenate(values) for values in zip(*found, strict=True)))
+
+
+def _quartered(parts: _Parts, pairs: Integers, cut: NDArray[np.bool_]) -> tuple[_Parts, Integers]:
+    """Return some parts cut into four, with the others, and the pairs of all that pairs become.
+
+    Args:
+        parts: Parts.
+        pairs: Numbers of the parts of each pair, shape (n_pairs, 2).
+        cut: Which parts are cut.
+    """
+    count = np.where(cut, 4, 1)
+    first = np.cumsum(count) - count
+    whole = np.repeat(np.arange(len(cut)), count)
+    quarter = np.arange(len(whole)) - first[whole]
+    number = parts.number[whole]
+    for n in np.unique(parts.n[cut]):
+        inside = np.argsort(_parents(2 * int(n), int(n)), kind="stable").reshape(-1, 4)
+        some = cut[whole] & (parts.n[whole] == n)
+        number[some] = inside[number[some], quarter[some]]
+    finer = _Parts(parts.patch[whole], parts.n[whole] * (1 + cut[whole]), number)
+    ways = count[pairs]
+    pair = np.repeat(np.arange(len(pairs)), ways.prod(axis=1))
+    start = np.cumsum(ways.prod(axis=1)) - ways.prod(axis=1)
+    one, other = np.divmod(np.arange(len(pair)) - start[pair], ways[pair, 1])
+    return finer, first[pairs[pair]] + np.column_stack([one, other])
 
 
 def _distances(x: Floats, pairs: Integers) -> Floats:
     """Return the distances of pairs of points, shape (n,)."""
-    distances: Floats = np.linalg.norm(x[pairs[:, 0]] - x[pairs[:, 1]], axis=1)
-    return distances
+    first, second = np.ascontiguousarray(pairs.T)
+    square = np.zeros(len(pairs))
+    for along in np.ascontiguousarray(x.T):  # by columns: pairs are many
+        square += (along[first] - along[second]) ** 2
+    return np.sqrt(square)
 
 
 def _balls_near(x: Floats, radius: Floats, reach: float) -> Integers:

@@ -120,6 +120,7 @@ def test_part_and_images_stand_for_the_whole(sphere: Snapshot) -> None:
     away, n = 0.25 * D_HAT, len(sphere.reference)
     faces = np.stack([sphere.reference, sphere.reference])
     side = np.where(sphere.reference[:, 0] > -1e-9, 1.0, -1.0)
+    faces[:, :, 1:] *= np.sqrt(2 / (1 + np.abs(sphere.reference[:, :1])))  # flat, of equal area
     faces[:, :, 0] = np.array([away, 0.5])[:, None] * side
     placed = potential.placed(faces, 0.0)
     gradient = potential.gradient(placed)
