@@ -205,9 +205,9 @@ class Repulsion:
         count = len(self._radius)
         every: Integers = np.arange(2 * count)
         parts = _Parts(every, np.ones_like(every), np.zeros_like(every))
-        pairs = self._pairs(self._midpoints(parts, faces)[0], parts.patch, radius, reach)
+        x, rest = self._midpoints(parts, faces)
+        pairs = self._pairs(x, parts.patch, radius, reach)
         while True:
-            x, rest = self._midpoints(parts, faces)
             large = radius[parts.patch] / parts.n
             extent = self._radius[parts.patch % count] / parts.n
             apart = _distances(x, pairs) - large[pairs].sum(axis=1)
@@ -221,6 +221,7 @@ class Repulsion:
             if not cut.any():
                 return _cut_to(level, parts)
             parts, pairs = _quartered(parts, pairs, cut)
+            x, rest = self._midpoints(parts, faces)
 
     def _pairs(self, x: Floats, patch: Integers, radius: Floats, reach: float) -> Integers:
         """Return pairs of balls that are nearer than the reach and whose faces can touch.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -45,7 +46,7 @@ class Refinement:
                 f"{self.cell_size:g}; give an extent from 0 and a size above 0"
             )
 
-    @property
+    @cached_property
     def centre(self) -> npt.NDArray[np.float64]:
         """Direction of the disc's centre, shape (3,)."""
         sine = np.sin(self.colatitude)

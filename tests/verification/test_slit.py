@@ -10,7 +10,7 @@ from opticcup_fem.crossing import self_crossings
 from opticcup_fem.records import read_events, read_path
 from opticcup_fem.states import States
 from opticcup_fem.studies import cup
-from tests.support.path_rows import check
+from tests.support.path_rows import at, check
 
 pytestmark = pytest.mark.slow
 
@@ -43,6 +43,7 @@ def test_slit_is_that_of_a_finer_mesh_and_crosses_nowhere(tmp_path: Path) -> Non
     path = read_path(tmp_path)
     for name, values in FINER.items():
         check(path, name, values, WITHIN[name])
+    assert at(path, 0.3, "mouth_width_over_R") == pytest.approx(0.1837, rel=0.005)
     slit = path.t_n > broken["t_n"]
     assert not path.jump[path.t_n > 0.29].any()
     assert path.gap_over_h[slit].min() > 0.0
