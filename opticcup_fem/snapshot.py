@@ -154,6 +154,17 @@ def cell_tangents(values: Floats, cells: Integers, points: ArrayLike) -> Floats:
     return tangents
 
 
+def cell_normals(snapshot: Snapshot) -> Floats:
+    """Return the outward unit normals of the cells at their nodes, shape (m, 10, 3)."""
+    m = len(snapshot.cells)
+    repeated = np.repeat(snapshot.cells, len(NODES), axis=0)
+    tangents = cell_tangents(snapshot.position, repeated, np.tile(NODES, (m, 1)))
+    normal = np.cross(tangents[:, 0], tangents[:, 1]).reshape(m, len(NODES), 3)
+    length = np.linalg.norm(normal, axis=2, keepdims=True)
+    outward: Floats = normal * (snapshot.orientation[:, None, None] / length)
+    return outward
+
+
 @dataclass(frozen=True)
 class Subdivision:
     """Flat triangles that replace each cubic cell.

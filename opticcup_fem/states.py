@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from opticcup_fem.errors import CaseError
-from opticcup_fem.snapshot import NODES, Floats, Integers, Snapshot, cell_tangents
+from opticcup_fem.snapshot import Floats, Integers, Snapshot, cell_normals
 from opticcup_fem.whole_files import new_hdf5
 
 STATES, MESH = "states", "mesh.h5"
@@ -96,7 +96,7 @@ def _put_state(file: h5py.File, snapshot: Snapshot) -> None:
         file.create_dataset("contact_traction", data=snapshot.contact_traction, **_SMALL)
     for name, values in snapshot.growth.items():
         file.create_dataset(f"growth/{name}", data=values, **_SMALL)
-    normal = _normals(snapshot)
+    normal = cell_normals(snapshot)
     for region, layers in snapshot.layers.items():
         cells = snapshot.cells_of(region)
         offset = snapshot.faces[region] - snapshot.position[snapshot.cells[cells]][:, :, None]
@@ -108,17 +108,6 @@ def _put_state(file: h5py.File, snapshot: Snapshot) -> None:
                 f"thickness_stretch/{region}/{layer}", data=stretch[cells], **_SMALL
             )
             file.create_dataset(f"stress/{region}/{layer}", data=stress[cells], **_SMALL)
-
-
-def _normals(snapshot: Snapshot) -> Floats:
-    """Return the outward unit normals of the cells at their nodes, shape (m, 10, 3)."""
-    m = len(snapshot.cells)
-    repeated = np.repeat(snapshot.cells, len(NODES), axis=0)
-    tangents = cell_tangents(snapshot.position, repeated, np.tile(NODES, (m, 1)))
-    normal = np.cross(tangents[:, 0], tangents[:, 1]).reshape(m, len(NODES), 3)
-    length = np.linalg.norm(normal, axis=2, keepdims=True)
-    outward: Floats = normal * (snapshot.orientation[:, None, None] / length)
-    return outward
 
 
 class States(Sequence[Snapshot]):
@@ -198,7 +187,7 @@ class States(Sequence[Snapshot]):
             faces={},
             **mesh,
         )
-        normal, faces = _normals(bare), {}
+        normal, faces = cell_normals(bare), {}
         for region, height in heights.items():
             cells = bare.cells_of(region)
             middle = position[bare.cells[cells]]

@@ -28,6 +28,22 @@ EXEMPT = 1.5
 """Parts nearer than this many thicknesses in the reference surface cannot touch."""
 
 
+def exempt_distance(thickness: float, distance: float) -> float:
+    """Return below which distance in the reference surface parts do not repel each other.
+
+    It is 1.5 h, and where contact begins at more than h/2 that gap and h: else a bend would
+    repel itself.
+
+    Args:
+        thickness: Thickness h of the shell.
+        distance: Gap at which contact begins.
+
+    >>> exempt_distance(1.0, 0.2), exempt_distance(1.0, 1.0)
+    (1.5, 2.0)
+    """
+    return max(EXEMPT * thickness, thickness + distance)
+
+
 @dataclass(frozen=True)
 class ContactSettings:
     """How contact is resisted.
@@ -100,7 +116,7 @@ class Potential:
             reference,
             cells[part],
             orientation[part],
-            EXEMPT * thickness,
+            exempt_distance(thickness, settings.distance),
             settings.parts,
             obstacles,
             closed=True if mirrors else None,

@@ -15,6 +15,7 @@ from opticcup_fem.contact.touch import Nearest
 from opticcup_fem.crossing import Crossing, surface_check
 from opticcup_fem.equilibrium.critical import CriticalPoint
 from opticcup_fem.events import Event, detect_events, event, with_limit_points
+from opticcup_fem.folds import fold_columns
 from opticcup_fem.observables import Observer
 from opticcup_fem.records import RunFolder, Written
 from opticcup_fem.reordering import Reordering
@@ -273,6 +274,7 @@ class Recorder:
             "stable": not negative,
             "residual": numbers.residual,
             "energy": numbers.energy,
+            **fold_columns(snapshot),
             **numbers.balance,
         }
 

@@ -40,7 +40,7 @@ SLIT = coarse_case(
     20.0,
     t_end=0.26,
     run={"keep_mirrors": True},
-    contact={"mode": "resist", "distance": 1.0},
+    contact={"mode": "resist"},
     output={"times": [0.26]},
 )
 """Loses its symmetry near 0.248 and becomes a slit whose rims touch, between two mirrors."""
