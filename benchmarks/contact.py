@@ -1,6 +1,6 @@
 """What contact costs and changes: runs with contact resisted and looked away from.
 
-    docker/run python3 benchmarks/contact.py [R/h]... [--coarse FACTOR] [--to T]
+    docker/run python3 benchmarks/contact.py [R/h]... [--case FILE] [--coarse FACTOR] [--to T]
 
 Prints processor time up to the first touch and behind it, and by how much the states differ that
 touch nothing (they should not).  Each run has a process of its own.
@@ -20,7 +20,7 @@ from apart import measured_apart
 from opticcup_fem import load_case
 from opticcup_fem.studies.model import shell_of, stepping_of
 
-CHICK = Path(__file__).parents[1] / "demos" / "chick.toml"
+CHICK = str(Path(__file__).parents[1] / "demos" / "chick.toml")
 
 State = tuple[float, float, bool, np.ndarray]
 """Normalised time, processor time, whether anything touches, positions."""
@@ -32,10 +32,13 @@ def main() -> None:
     parser.add_argument("ratios", nargs="*", type=float, default=[5.0], metavar="R/h")
     parser.add_argument("--coarse", type=float, default=1.0, metavar="FACTOR", help="of cells")
     parser.add_argument("--to", type=float, default=1.0, metavar="T", help="last t_n")
+    parser.add_argument(
+        "--case", default=CHICK, metavar="FILE", help="case, chick.toml if not given"
+    )
     options = parser.parse_args()
     for ratio in options.ratios:
         off, on = (
-            measured_apart(measure, ratio, mode, options.coarse, options.to)
+            measured_apart(measure, options.case, ratio, mode, options.coarse, options.to)
             for mode in ("off", "resist")
         )
         first = next((k for k, state in enumerate(on) if state[2]), len(on))
@@ -61,13 +64,13 @@ def _seconds(states: list[State], start: float, end: float) -> float:
     return sum(seconds for t_n, seconds, _, _ in states if start < t_n <= end)
 
 
-def measure(ratio: float, mode: str, coarse: float, t_end: float) -> list[State]:
-    """Grow a cup and return its states."""
+def measure(file: str, ratio: float, mode: str, coarse: float, t_end: float) -> list[State]:
+    """Grow the cup of a case file and return its states."""
     keys = [f"shape.radius_over_thickness={ratio}", f'contact.mode="{mode}"', f"run.t_end={t_end}"]
-    mesh = load_case(CHICK, keys).mesh
+    mesh = load_case(file, keys).mesh
     for name in ("cell_size_oov", "cell_size_interface"):
         keys.append(f"mesh.{name}={coarse * getattr(mesh, name)}")
-    case = load_case(CHICK, keys)
+    case = load_case(file, keys)
     shell = shell_of(case, MPI.COMM_SELF)
     stepping = stepping_of(case, shell)
     found, start = [], time.process_time()
