@@ -32,6 +32,7 @@ comm = MPI.COMM_WORLD
 tables = {
     "run": {"t_end": 0.1 if coarse else 1.0},
     "output": {"times": [0.1], "states": not coarse},
+    "contact": {"mode": "stop"},  # as in the paper: from t_n = 0.74 on layers may overlap
 }
 if coarse:
     tables["mesh"] = {"cell_size_cap": 0.34, "cell_size_interface": 0.2, "cell_size_oov": 0.45}

@@ -11,7 +11,7 @@ from opticcup_fem.expressions import variables_of
 
 if TYPE_CHECKING:
     from opticcup_fem.case.field_values import FieldValue
-    from opticcup_fem.case.tables import Case
+    from opticcup_fem.case.tables import Case, Run
 
 # About a thousand times the baseline's mesh: beyond it, a size is taken for a slip of the pen.
 MOST_CELLS = 500_000
@@ -314,19 +314,29 @@ def _check_output_times(case: Case) -> None:
         _reject("output.times", list(times), f"every time lies between 0 and run.t_end = {t_end:g}")
 
 
-def _check_contact(case: Case) -> None:
-    contact, run = case.contact, case.run
-    if contact.mode == "resist" and run.model == "meridian":
-        _reject("contact.mode", contact.mode, 'only run.model = "surface" resists contact')
-    if contact.mode == "resist" and run.follow != "stable":
-        _reject("contact.mode", contact.mode, 'resisting contact needs run.follow = "stable"')
-    if contact.mode == "resist" and case.material.closure in ("paper", "closed-form"):
-        _reject(
-            "contact.mode",
-            contact.mode,
-            f"the closure {case.material.closure} has no energy to which that of contact could be "
-            'added; take material.closure = "layer-stretch"',
+def why_not_resisted(run: Run, closure: str) -> str:
+    """Return why a run cannot resist contact, as the end of a sentence; "" if it can.
+
+    Args:
+        run: What runs.
+        closure: Closure of the layers.
+    """
+    if run.model == "meridian":
+        return 'only run.model = "surface" resists contact'
+    if run.follow != "stable":
+        return 'resisting contact needs run.follow = "stable"'
+    if closure in ("paper", "closed-form"):
+        return (
+            f"the closure {closure} has no energy to which that of contact could be "
+            'added; take material.closure = "layer-stretch"'
         )
+    return ""
+
+
+def _check_contact(case: Case) -> None:
+    contact = case.contact
+    if contact.mode == "resist" and (why := why_not_resisted(case.run, case.material.closure)):
+        _reject("contact.mode", contact.mode, why)
     if contact.mode != "resist" and contact.obstacles:
         _reject(
             "contact.mode", contact.mode, 'obstacles push only with contact.mode = "resist"; set it'

@@ -19,7 +19,7 @@ from pydantic import (
     model_validator,
 )
 
-from opticcup_fem.case.checks import CROSS_CHECKS
+from opticcup_fem.case.checks import CROSS_CHECKS, why_not_resisted
 from opticcup_fem.case.field_values import NonNegativeRate, Profile, Rate, Share, Source
 
 Closure = Literal["layer-stretch", "paper", "closed-form", "condensed"]
@@ -283,17 +283,23 @@ class ObstacleTable(_Table):
 class ContactTable(_Table):
     """Contact of the shell with itself and with rigid obstacles.
 
-    The default of ``stiffness`` is 50 (h/R)^2 (docs/decisions/0018-contact-barrier.md).
+    Contact is resisted where it can be (docs/decisions/0045-contact-is-resisted.md): on the
+    surface, with ``run.follow = "stable"`` and a closure that has an energy; elsewhere it ends the
+    run.  The default of ``stiffness`` is 50 (h/R)^2 (docs/decisions/0018-contact-barrier.md).
     """
 
     mode: Literal["off", "stop", "resist"] = Field(
-        default="stop", description="look away, end the run, or push back"
+        default="resist",
+        description="look away, end the run, or push back; default resist, stop where it cannot",
     )
     stop_at: Literal["mid-surface", "thickness"] = Field(
         default="mid-surface", description="stop: what must meet, mid-surfaces or layers' faces"
     )
     distance: float = Field(
-        default=0.2, gt=0, le=1, description="resist: gap at which the barrier begins, in h"
+        default=0.2,
+        gt=0,
+        le=1,
+        description="resist: gap at which the barrier begins, in h; less on small cells",
     )
     stiffness: Positive = Field(
         default=2.0, description="resist: stress scale of the barrier; default 50 (h/R)^2"
@@ -347,12 +353,20 @@ class Case(_Table):
 
     @field_validator("contact", mode="after")
     @classmethod
-    def _resolve_stiffness(cls, contact: ContactTable, info: ValidationInfo) -> ContactTable:
-        # The default follows the thickness, which another table holds.
-        if "stiffness" in contact.model_fields_set or "shape" not in info.data:
+    def _resolve_contact(cls, contact: ContactTable, info: ValidationInfo) -> ContactTable:
+        # The defaults follow the thickness, the cells, the model and the closure.
+        if not {"shape", "material", "run", "mesh"} <= info.data.keys():
             return contact
-        h = info.data["shape"].thickness
-        return contact.model_copy(update={"stiffness": float(f"{50 * h * h:.4g}")})
+        given, defaults = contact.model_fields_set, dict[str, Any]()
+        h, closure = info.data["shape"].thickness, info.data["material"].closure
+        if "mode" not in given and why_not_resisted(info.data["run"], closure):
+            defaults["mode"] = "stop"
+        if "distance" not in given:
+            largest = info.data["mesh"].cell_size_interface / h
+            defaults["distance"] = min(contact.distance, float(f"{0.999 * largest:.3g}"))
+        if "stiffness" not in given:
+            defaults["stiffness"] = float(f"{50 * h * h:.4g}")
+        return contact.model_copy(update=defaults)
 
     @field_validator("output", mode="after")
     @classmethod

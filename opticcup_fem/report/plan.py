@@ -74,6 +74,7 @@ def chick(**settings: Any) -> Case:
                 "max_wavenumber": take("waves", WAVES),
             },
             "output": {"times": list(take("times", TIMES))},
+            "contact": {"mode": "stop"},  # the letter's cups resist none
             "material": given,
         }
     )

@@ -252,10 +252,44 @@ def test_a_value_cannot_smuggle_in_other_keys(case_file):
         load_case(case_file(""), ["shape.radius_um=1\nother = 2"])
 
 
-@pytest.mark.parametrize("name", ["chick", "slender"])
-def test_demo_cases_load(name, request):
+@pytest.mark.parametrize(
+    ("name", "tables"),
+    [
+        ("chick", {}),
+        ("slender", {"shape": {"radius_over_thickness": 15}, "contact": {"mode": "stop"}}),
+    ],
+)
+def test_demo_cases_load(name, tables, request):
     case = load_case(request.config.rootpath / "demos" / f"{name}.toml")
-    assert case == parse_case({"shape": {"radius_over_thickness": 5 if name == "chick" else 15}})
+    assert case == parse_case(tables)
+
+
+@pytest.mark.parametrize(
+    ("tables", "mode"),
+    [
+        ({}, "resist"),
+        ({"material": {"closure": "condensed"}}, "resist"),
+        ({"material": {"closure": "paper"}}, "stop"),
+        ({"run": {"model": "meridian"}}, "stop"),
+        ({"run": {"follow": "axisymmetric"}}, "stop"),
+        ({"run": {"follow": "branch"}}, "stop"),
+        ({"contact": {"mode": "off"}}, "off"),
+    ],
+)
+def test_contact_is_resisted_where_it_can_be(tables, mode):
+    case = parse_case(tables)
+    assert case.contact.mode == mode
+    if mode == "stop":
+        with pytest.raises(CaseError, match=r'contact\.mode = "resist"'):
+            parse_case({**tables, "contact": {"mode": "resist"}})
+
+
+def test_default_barrier_is_no_wider_than_the_cells():
+    sizes = {"cell_size_interface": 0.02}
+    assert parse_case({"mesh": sizes}).contact.distance * 0.2 < 0.02
+    assert parse_case({}).contact.distance == 0.2
+    with pytest.raises(CaseError, match=r"contact\.distance = 0\.2 is not possible"):
+        parse_case({"mesh": sizes, "contact": {"distance": 0.2}})
 
 
 def test_resolved_case_round_trips_with_versions_and_units(tmp_path):

@@ -93,13 +93,13 @@ def test_last_change_of_sign_counts() -> None:
 def test_wrong_cases_are_refused() -> None:
     """One sentence each."""
     with pytest.raises(CaseError, match=r'contact\.mode = "stop" is not possible: a slit'):
-        _require(coarse_case(15.0), None)
-    resisting = coarse_case(15.0, 0.3, contact={"mode": "resist"})
+        _require(coarse_case(15.0, contact={"mode": "stop"}), None)
+    resisting = coarse_case(15.0, 0.3)
     with pytest.raises(CaseError, match=r"--at 0\.25 is not possible: take one of output\.times"):
         _require(resisting, 0.25)
     _require(resisting, 0.3)
     with pytest.raises(CaseError, match="imperfection"):
-        _require(coarse_case(contact={"mode": "resist"}, imperfection={"amplitude": 0.1}), None)
+        _require(coarse_case(imperfection={"amplitude": 0.1}), None)
 
 
 def test_picture_shows_excess_in_per_cent(tmp_path: Path) -> None:

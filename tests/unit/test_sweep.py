@@ -335,6 +335,7 @@ UNCONCERNED = {
     "opticcup_fem.diagram",
     "opticcup_fem.errors",
     "opticcup_fem.fields",
+    "opticcup_fem.folds",  # a column of path.csv, not of a task
     "opticcup_fem.folder_lock",
     "opticcup_fem.records",
     "opticcup_fem.reordering",  # of what is written

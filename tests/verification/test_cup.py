@@ -21,9 +21,10 @@ DATA = Path(__file__).parents[1] / "data"
 
 
 def run(folder: Path, radius_over_thickness: float, **tables: dict[str, object]) -> pd.DataFrame:
-    """Return path.csv of a cup on its default mesh."""
+    """Return path.csv of a cup on its default mesh; contact is not resisted, as by the solver."""
     shape = {"radius_over_thickness": radius_over_thickness}
-    case = parse_case({"shape": shape, "output": {"fields": False}, **tables})
+    contact = {"mode": "stop"}
+    case = parse_case({"shape": shape, "output": {"fields": False}, "contact": contact, **tables})
     summary = cup.run(case, folder, quiet=True)
     assert summary.ok, summary.message
     return read_path(folder)
