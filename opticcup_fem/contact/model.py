@@ -9,8 +9,9 @@ are those of the state itself (``equilibrium.newton``).  Where the normals point
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 from mpi4py import MPI
 
@@ -27,6 +28,7 @@ from opticcup_fem.shell.model import ContactData, Shell, ShellState
 from opticcup_fem.snapshot import NODES, Integers
 
 Array = NDArray[np.float64]
+T = TypeVar("T")
 
 SAFE = 0.8
 """Share of the way to a collision that a step may go."""
@@ -145,6 +147,13 @@ class Contact:
             clear = self.potential.passes(start, end)
         return goal if self.comm.bcast(clear) else None
 
+    def _ask(self, state: ShellState, question: Callable[[Potential, Placed], T]) -> T | None:
+        """Return an answer about a state on rank 0, None elsewhere (collective)."""
+        placed = self._of(state)
+        if self.potential is None or placed is None:
+            return None
+        return question(self.potential, placed)
+
     def _place(self, data: ContactData, r: Array) -> Placed | None:
         """Return where the faces are on rank 0, None elsewhere (collective)."""
         nodes, heights = self.gather.to_root(r), self.gather.to_root(data.heights)
@@ -161,10 +170,7 @@ class Contact:
 
     def energy(self, state: ShellState) -> float:
         """Return the energy of the barrier (collective)."""
-        placed, energy = self._of(state), 0.0
-        if self.potential is not None and placed is not None:
-            energy = self.potential.energy(placed)
-        return float(self.comm.bcast(energy))
+        return float(self.comm.bcast(self._ask(state, Potential.energy)))
 
     def forces(self, state: ShellState) -> Array | None:
         """Return -dE_c/dx of both faces at all nodes on rank 0 (collective).
@@ -179,9 +185,7 @@ class Contact:
     def _forces_of_part(self, state: ShellState) -> Array | None:
         """Return the forces in the energy of the part that stands for its images (collective)."""
         if self._pushed is None or self._pushed[0] is not state:
-            placed, slope = self._of(state), None
-            if self.potential is not None and placed is not None:
-                slope = self.potential.gradient(placed)
+            slope = self._ask(state, Potential.gradient)
             self._pushed = state, None if slope is None else -slope
         return self._pushed[1]
 
@@ -206,9 +210,8 @@ class Contact:
             convex: Leave out what contact that turns or faces that turn have of negative
                 stiffness: for descent, where the tangent must have none.
         """
-        forces, placed, stiffness = self._forces_of_part(state), self._of(state), None
-        if self.potential is not None and placed is not None:
-            stiffness = self.potential.hessian(placed, convex)
+        forces = self._forces_of_part(state)
+        stiffness = self._ask(state, lambda potential, placed: potential.hessian(placed, convex))
         touched = None
         if forces is not None and stiffness is not None:
             rows = np.diff(stiffness.indptr).reshape(forces.shape)
@@ -258,10 +261,7 @@ class Contact:
 
     def gap(self, state: ShellState) -> float:
         """Return the least gap between faces, inf where it exceeds the barrier's (collective)."""
-        placed, gap = self._of(state), np.inf
-        if self.potential is not None and placed is not None:
-            gap = self.potential.gap(placed)
-        return float(self.comm.bcast(gap))
+        return float(self.comm.bcast(self._ask(state, Potential.gap)))
 
     # --- ways to a state ----------------------------------------------------------------------
 
