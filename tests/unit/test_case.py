@@ -255,7 +255,7 @@ def test_a_value_cannot_smuggle_in_other_keys(case_file):
 @pytest.mark.parametrize(
     ("name", "tables"),
     [
-        ("chick", {}),
+        ("chick", {"contact": {"mode": "stop"}}),
         ("slender", {"shape": {"radius_over_thickness": 15}, "contact": {"mode": "stop"}}),
     ],
 )
