@@ -63,10 +63,10 @@ def run(
     comm = comm or MPI.COMM_WORLD
     folders = {name: out_dir / name for name in ("meridian", "surface")}
     unresisted = case.contact.model_copy(update={"mode": "stop"})
-    surface = case.model_copy(update={"contact": unresisted})
+    case = case.model_copy(update={"contact": unresisted})
     outcomes = {
         "meridian": meridian.run(case, folders["meridian"], quiet=quiet, comm=comm),
-        "surface": cup.run(surface, folders["surface"], quiet=quiet, comm=comm),
+        "surface": cup.run(case, folders["surface"], quiet=quiet, comm=comm),
     }
     message = on_root(comm, lambda: _report(case, folders, out_dir))
     ok = all(outcome.ok for outcome in outcomes.values())
