@@ -37,7 +37,7 @@ def test_slit_beside_the_stable_axisymmetric_cup() -> None:
     exists beside the axisymmetric cup.  Numbers of this coarse mesh; finer ones are in
     docs/stability.md.
     """
-    case = parse_case({"mesh": MESH})
+    case = parse_case({"mesh": MESH, "contact": {"mode": "stop"}})
     slender = cup_of(case, 15.0)
     state = slender.towards_slit(slender.grown([0.27])[0.27].state, 0.27)
     for ratio in (15.0, 14.0, 13.5, 13.0):
