@@ -11,7 +11,14 @@ import ipctk
 import numpy as np
 from numpy.typing import NDArray
 
-from opticcup_fem.snapshot import Floats, Integers, Snapshot, Subdivision, subdivide
+from opticcup_fem.snapshot import (
+    Floats,
+    Integers,
+    Snapshot,
+    Subdivision,
+    colatitudes,
+    subdivide,
+)
 
 
 @dataclass(frozen=True)
@@ -49,7 +56,7 @@ class CrossingCheck:
             reference: Reference positions of the vertices, shape (n, 3).
             triangles: Their triangles, shape (m, 3).
         """
-        self._colatitude = np.arctan2(np.hypot(reference[:, 0], reference[:, 1]), reference[:, 2])
+        self._colatitude = colatitudes(reference)
         faces = np.asfortranarray(triangles, dtype=np.int32)
         self._mesh = ipctk.CollisionMesh(np.asfortranarray(reference), ipctk.edges(faces), faces)
 

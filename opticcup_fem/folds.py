@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from opticcup_fem.snapshot import Snapshot, cell_normals
+from opticcup_fem.snapshot import Snapshot, cell_normals, colatitudes
 
 
 def fold_columns(snapshot: Snapshot) -> dict[str, float]:
@@ -23,7 +23,7 @@ def fold_columns(snapshot: Snapshot) -> dict[str, float]:
     normals = cell_normals(snapshot)
     cosines = np.einsum("cni,cmi->cnm", normals, normals).min(axis=(1, 2))
     cell = int(np.argmin(cosines))
-    x, y, z = snapshot.reference[snapshot.cells[cell, -1]]  # the interior node
-    angles = np.arccos(np.clip(cosines[cell], -1.0, 1.0)), np.arctan2(np.hypot(x, y), z)
-    turn, colatitude = np.rad2deg(angles)
+    middle = snapshot.reference[snapshot.cells[cell, -1]]  # the interior node
+    turn = np.rad2deg(np.arccos(np.clip(cosines[cell], -1.0, 1.0)))
+    colatitude = np.rad2deg(colatitudes(middle))
     return {"turn_in_cell_deg": float(turn), "turn_colatitude_deg": float(colatitude)}

@@ -19,6 +19,7 @@ from opticcup_fem.snapshot import (
     Snapshot,
     cell_tangents,
     cell_values,
+    colatitudes,
     lagrange_basis,
 )
 
@@ -205,8 +206,7 @@ def interface_colatitude(snapshot: Snapshot) -> float:
     if not len(edges.cell):
         raise MeshError("the regions cap and oov share no edge, so there is no interface circle")
     nodes = np.unique(snapshot.cells[edges.cell[:, [0]], EDGES[edges.edge[:, 0]]])
-    x, y, z = snapshot.reference[nodes].T
-    return float(np.arctan2(np.hypot(x, y), z).mean())
+    return float(colatitudes(snapshot.reference[nodes]).mean())
 
 
 def interface_circle(

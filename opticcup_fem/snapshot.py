@@ -154,6 +154,12 @@ def cell_tangents(values: Floats, cells: Integers, points: ArrayLike) -> Floats:
     return tangents
 
 
+def colatitudes(points: Floats) -> Floats:
+    """Return the angles (rad) between the z-axis and points (..., 3), shape (...)."""
+    angles: Floats = np.arctan2(np.hypot(points[..., 0], points[..., 1]), points[..., 2])
+    return angles
+
+
 def cell_normals(snapshot: Snapshot) -> Floats:
     """Return the outward unit normals of the cells at their nodes, shape (m, 10, 3)."""
     m = len(snapshot.cells)

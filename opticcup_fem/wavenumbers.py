@@ -17,7 +17,7 @@ from opticcup_fem.observables import (
     relative_asymmetry,
 )
 from opticcup_fem.sampling import directions, interface_colatitude
-from opticcup_fem.snapshot import Floats, Snapshot
+from opticcup_fem.snapshot import Floats, Snapshot, colatitudes
 
 
 @dataclass(frozen=True)
@@ -82,8 +82,8 @@ class AxisymmetricPart:
             snapshot: Any state on it.
         """
         self._observer = observer
-        x, y, z = snapshot.reference.T
-        self._theta, self._phi = np.arctan2(np.hypot(x, y), z), np.arctan2(y, x)
+        x, y, _ = snapshot.reference.T
+        self._theta, self._phi = colatitudes(snapshot.reference), np.arctan2(y, x)
         alpha = interface_colatitude(snapshot)
         spread: dict[str, Floats] = {
             "cap": np.linspace(0.0, alpha, 41, dtype=np.float64),

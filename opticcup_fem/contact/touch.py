@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from opticcup_fem.contact.faces import nodal_means
 from opticcup_fem.contact.surface import vertex_sizes
-from opticcup_fem.snapshot import Floats, Integers, Snapshot, subdivide
+from opticcup_fem.snapshot import Floats, Integers, Snapshot, colatitudes, subdivide
 
 _REFINED = 20
 """Nearest pairs of vertices around which the surfaces' distance is looked for."""
@@ -78,7 +78,7 @@ class TouchMeter:
         self._cells, self._exempt = snapshot.cells, exempt
         self._rest = self._map @ snapshot.reference
         self._size = vertex_sizes(self._rest, self._triangles)
-        self._theta = np.arctan2(np.hypot(self._rest[:, 0], self._rest[:, 1]), self._rest[:, 2])
+        self._theta = colatitudes(self._rest)
 
     def __call__(self, snapshot: Snapshot) -> Nearest | None:
         """Return the nearest parts, None where none is nearer than a thickness."""
