@@ -363,7 +363,7 @@ class Case(_Table):
             defaults["mode"] = "stop"
         if "distance" not in given:
             largest = info.data["mesh"].cell_size_interface / h
-            defaults["distance"] = min(contact.distance, float(f"{0.999 * largest:.3g}"))
+            defaults["distance"] = min(contact.distance, math.floor(1000 * largest) / 1000)
         if "stiffness" not in given:
             defaults["stiffness"] = float(f"{50 * h * h:.4g}")
         return contact.model_copy(update=defaults)

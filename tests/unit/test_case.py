@@ -284,9 +284,10 @@ def test_contact_is_resisted_where_it_can_be(tables, mode):
             parse_case({**tables, "contact": {"mode": "resist"}})
 
 
-def test_default_barrier_is_no_wider_than_the_cells():
-    sizes = {"cell_size_interface": 0.02}
-    assert parse_case({"mesh": sizes}).contact.distance * 0.2 < 0.02
+@pytest.mark.parametrize("size", [0.02, 0.02013, 0.0219, 0.03])
+def test_default_barrier_is_no_wider_than_the_cells(size):
+    sizes = {"cell_size_interface": size}
+    assert parse_case({"mesh": sizes}).contact.distance == pytest.approx(size / 0.2, abs=1e-3)
     assert parse_case({}).contact.distance == 0.2
     with pytest.raises(CaseError, match=r"contact\.distance = 0\.2 is not possible"):
         parse_case({"mesh": sizes, "contact": {"distance": 0.2}})
