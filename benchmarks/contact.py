@@ -29,14 +29,15 @@ State = tuple[float, float, bool, np.ndarray]
 def main() -> None:
     """Run every case twice and print a table."""
     parser = argparse.ArgumentParser(description="Time runs with and without contact.")
-    parser.add_argument("ratios", nargs="*", type=float, default=[5.0], metavar="R/h")
+    parser.add_argument("ratios", nargs="*", type=float, metavar="R/h", help="the case's if none")
     parser.add_argument("--coarse", type=float, default=1.0, metavar="FACTOR", help="of cells")
     parser.add_argument("--to", type=float, default=1.0, metavar="T", help="last t_n")
     parser.add_argument(
         "--case", default=CHICK, metavar="FILE", help="case, chick.toml if not given"
     )
     options = parser.parse_args()
-    for ratio in options.ratios:
+    own = load_case(options.case).shape.radius_over_thickness
+    for ratio in options.ratios or [own]:
         off, on = (
             measured_apart(measure, options.case, ratio, mode, options.coarse, options.to)
             for mode in ("off", "resist")

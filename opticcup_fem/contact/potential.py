@@ -37,9 +37,6 @@ def exempt_distance(thickness: float, distance: float) -> float:
     Args:
         thickness: Thickness h of the shell.
         distance: Gap at which contact begins.
-
-    >>> exempt_distance(1.0, 0.2), exempt_distance(1.0, 1.0)
-    (1.5, 2.0)
     """
     return max(EXEMPT * thickness, thickness + distance)
 

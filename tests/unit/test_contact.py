@@ -13,6 +13,7 @@ import pytest
 from opticcup_fem.contact.barrier import Barrier
 from opticcup_fem.contact.faces import ShellFaces
 from opticcup_fem.contact.obstacles import Box, Obstacle, Plate, Sphere, joined
+from opticcup_fem.contact.potential import exempt_distance
 from opticcup_fem.contact.surface import ContactSurface
 from opticcup_fem.snapshot import NODES, Snapshot, lagrange_gradient
 from tests.support.shapes import deformed, revolved, sphere_mesh
@@ -327,3 +328,11 @@ def test_a_plate_pushes_the_nearest_face(sphere: Snapshot) -> None:
     assert np.all(inner == 0)
     assert outer[:, 2].sum() < -0.9 * np.abs(outer).sum() < 0
     assert barrier.gradient(surface.vertices(faces_of(sphere) + np.array([0.0, 0.0, 0.02]))) is None
+
+
+@pytest.mark.parametrize(
+    ("distance", "exempt"), [(0.05, 0.3), (0.1, 0.3), (0.15, 0.35), (0.2, 0.4)]
+)
+def test_wide_barriers_exempt_more_of_a_bend(distance: float, exempt: float) -> None:
+    """1.5 h up to a gap of h/2, and h and the gap beyond, h = .2."""
+    assert exempt_distance(0.2, distance) == pytest.approx(exempt)
