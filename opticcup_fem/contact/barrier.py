@@ -89,7 +89,7 @@ class Barrier:
         return 0.0 if pairs is None else self._potential(pairs, self.surface.mesh, vertices)
 
     def gradient(self, vertices: Floats) -> Floats | None:
-        """Return dE_c/dx of the faces x at the nodes, shape (2, n_nodes, 3), inner face first.
+        """Return dE_c/dx of the faces x at the sites, shape (2, n_sites, 3), inner face first.
 
         None where nothing touches.
         """
@@ -100,7 +100,7 @@ class Barrier:
         return self.surface.pull_back(np.asarray(slope).reshape(-1, 3))
 
     def hessian(self, vertices: Floats, convex: bool = False) -> sparse.csr_array | None:
-        """Return d2E_c/dx2, shape (6 n_nodes, 6 n_nodes), None where nothing touches.
+        """Return d2E_c/dx2, shape (6 n_sites, 6 n_sites), None where nothing touches.
 
         Args:
             vertices: Positions.

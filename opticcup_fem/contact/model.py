@@ -119,8 +119,7 @@ class Contact:
 
     def _present(self, state: ShellState) -> ContactData:
         """Return faces and obstacles as they are in a state, touching or not (collective)."""
-        everywhere = face_heights(self.shell, state, self.gather)
-        return ContactData(self.gather.from_root(everywhere), self.shell.t_n, True)
+        return ContactData(face_heights(self.shell, state), self.shell.t_n, True)
 
     def brought_up_to_date(self, state: ShellState) -> ShellState:
         """Return a state with faces and obstacles as they are at the present t_n (collective)."""
@@ -156,7 +155,7 @@ class Contact:
 
     def _place(self, data: ContactData, r: Array) -> Placed | None:
         """Return where the faces are on rank 0, None elsewhere (collective)."""
-        nodes, heights = self.gather.to_root(r), self.gather.to_root(data.heights)
+        nodes, heights = self.gather.to_root(r), self.gather.cell_values(data.heights)
         if self.potential is None or self.faces is None:
             return None
         return self.potential.placed(self.faces.places(nodes, heights), data.time)
@@ -180,10 +179,15 @@ class Contact:
             touches.
         """
         forces = self._forces_of_part(state)
-        return None if forces is None or self.potential is None else self.potential.of_all(forces)
+        if forces is None or self.potential is None or self.faces is None:
+            return None
+        return self.potential.of_all(self.faces.at_nodes(forces))
 
     def _forces_of_part(self, state: ShellState) -> Array | None:
-        """Return the forces in the energy of the part that stands for its images (collective)."""
+        """Return the forces in the energy of the part that stands for its images (collective).
+
+        Shape (2, n_sites, 3), see ``forces``.
+        """
         if self._pushed is None or self._pushed[0] is not state:
             slope = self._ask(state, Potential.gradient)
             self._pushed = state, None if slope is None else -slope
@@ -227,9 +231,9 @@ class Contact:
         return self.comm.bcast(value)
 
     def _variations(self, state: ShellState, touched: Integers | None) -> FaceVariations | None:
-        """Return on rank 0 the variations of the faces at nodes that touch (collective)."""
+        """Return on rank 0 the variations of the faces at sites that touch (collective)."""
         assert state.contact is not None
-        r, heights = self.gather.to_root(state.r), self.gather.to_root(state.contact.heights)
+        r, heights = self.gather.to_root(state.r), self.gather.cell_values(state.contact.heights)
         if self.faces is None or touched is None:
             return None
         return self.faces.at(r, heights, touched)

@@ -1,5 +1,7 @@
 """All that keeps the parts of a shell apart, on one rank.
 
+Places and forces of faces are those at the sites of ``faces``, shape (2, n_sites, 3).
+
 Flat triangles of the faces, and those of obstacles, are kept from each other by the barrier between
 pairs (``barrier``), which also keeps ways free of collisions.  Where the deformation keeps mirrors,
 one part of the shell stands for all of its images: its own parts repel each other point by point
@@ -60,7 +62,7 @@ class Placed(NamedTuple):
     """Where the faces are.
 
     Attributes:
-        faces: Both faces at the nodes, shape (2, n_nodes, 3).
+        faces: Both faces at the sites, shape (2, n_sites, 3).
         vertices: Vertices of their triangles, and of obstacles.
         distances: Distances of points from mirrors, empty without.
     """
@@ -70,15 +72,8 @@ class Placed(NamedTuple):
     distances: Floats
 
 
-class _Kept(NamedTuple):
-    """What repels where mirrors are kept: the part itself, and its images."""
-
-    itself: Repulsion
-    walls: Walls
-
-
 class Potential:
-    """Contact potential of both faces of a shell; places of faces have shape (2, n_nodes, 3).
+    """Contact potential of both faces of a shell.
 
     Attributes:
         distance: Gap at which it begins.
@@ -109,65 +104,70 @@ class Potential:
         self.distance = settings.distance
         part = np.all(reference[cells].mean(axis=1)[:, list(mirrors)] > 0, axis=1)
         barrier = (settings.distance, settings.stiffness)
+        sites: Integers = np.arange(cells.size).reshape(cells.shape)[part]
+        there = reference[cells.ravel()]
         self._surface = ContactSurface(
-            reference,
-            cells[part],
+            there,
+            sites,
             orientation[part],
             exempt_distance(thickness, settings.distance),
             settings.parts,
             obstacles,
             closed=True if mirrors else None,
+            nodes=cells.ravel(),
         )
         self._pairs = Barrier(self._surface, *barrier)
-        self._kept: _Kept | None = None
+        self._repulsion: Repulsion | None = None
+        self._walls: Walls | None = None
+        if mirrors or (self._surface.closed and not obstacles):
+            self._repulsion = Repulsion(there, sites, self._surface, thickness, *barrier)
         if mirrors:
-            self._kept = _Kept(
-                Repulsion(reference, cells[part], self._surface, thickness, *barrier),
-                Walls(reference, cells[part], mirrors, thickness, *barrier),
-            )
+            self._walls = Walls(there, sites, mirrors, thickness, *barrier)
         self._reflections = _reflections(reference, mirrors)
         self.images = len(self._reflections)
 
     def placed(self, faces: Floats, time: float) -> Placed:
         """Return where the faces are, and obstacles at a normalised time."""
-        distances = np.empty(0) if self._kept is None else self._kept.walls.distances(faces)
+        distances = np.empty(0) if self._walls is None else self._walls.distances(faces)
         return Placed(faces, self._surface.vertices(faces, time), distances)
 
     def energy(self, placed: Placed) -> float:
         """Return the energy of all images, inf where a mirror is passed."""
-        if self._kept is None:
+        if self._repulsion is None:
             return self._pairs.energy(placed.vertices)
-        itself, walls = self._kept
-        return self.images * (itself.energy(placed.faces) + walls.energy(placed.distances))
+        energy = self._repulsion.energy(placed.faces)
+        if self._walls is not None:
+            energy += self._walls.energy(placed.distances)
+        return self.images * energy
 
     def gradient(self, placed: Placed) -> Floats | None:
         """Return dE_c/dx of the faces in the energy of the part alone, None without touch."""
-        if self._kept is None:
+        if self._repulsion is None:
             return self._pairs.gradient(placed.vertices)
-        itself = self._kept.itself.gradient(placed.faces)
-        walls = self._kept.walls.gradient(placed.distances)
+        itself = self._repulsion.gradient(placed.faces)
+        walls = None if self._walls is None else self._walls.gradient(placed.distances)
         if itself is None or walls is None:
             return itself if walls is None else walls
         together: Floats = itself + walls
         return together
 
     def hessian(self, placed: Placed, convex: bool = False) -> sparse.csr_array | None:
-        """Return d2E_c/dx2 of the part alone, shape (6 n_nodes, 6 n_nodes), None without touch.
+        """Return d2E_c/dx2 of the part alone, shape (6 n_sites, 6 n_sites), None without touch.
 
         Args:
             placed: Where the faces are.
             convex: Without negative eigenvalues.
         """
-        if self._kept is None:
+        if self._repulsion is None:
             return self._pairs.hessian(placed.vertices, convex)
-        itself = self._kept.itself.hessian(placed.faces, convex)
-        walls = self._kept.walls.hessian(placed.distances)
+        itself = self._repulsion.hessian(placed.faces, convex)
+        walls = None if self._walls is None else self._walls.hessian(placed.distances)
         if itself is None or walls is None:
             return itself if walls is None else walls
         return sparse.csr_array(itself + walls)
 
     def of_all(self, values: Floats) -> Floats:
-        """Return the vectors of all images from those of the part, shape (..., n_nodes, 3)."""
+        """Return nodes' vectors of all images from those of the part, shape (..., n_nodes, 3)."""
         total = np.zeros_like(values)
         for flips, image in self._reflections:
             total[..., image, :] += flips * values
@@ -175,15 +175,17 @@ class Potential:
 
     def gap(self, placed: Placed) -> float:
         """Return the least gap, inf where it exceeds the distance at which the potential begins."""
-        if self._kept is None:
+        if self._repulsion is None:
             return self._pairs.gap(placed.vertices)
-        itself, walls = self._kept
-        return min(itself.gap(placed.faces), walls.gap(placed.distances))
+        return min(self._repulsion.gap(placed.faces), self._gap_to_walls(placed))
+
+    def _gap_to_walls(self, placed: Placed) -> float:
+        return np.inf if self._walls is None else self._walls.gap(placed.distances)
 
     def clearance(self, placed: Placed) -> float:
         """Return the most that ``free_fraction`` can keep from here, up to the distance."""
-        walls = np.inf if self._kept is None else self._kept.walls.gap(placed.distances)
-        return min(self._pairs.gap(placed.vertices), walls, self.distance)
+        gaps = (self._pairs.gap(placed.vertices), self._gap_to_walls(placed))
+        return min(*gaps, self.distance)
 
     def free_fraction(self, start: Placed, end: Placed, apart: float = 0.0) -> float:
         """Return the share of the straight way from ``start`` that is free of collisions, 0 to 1.
@@ -194,15 +196,20 @@ class Potential:
             apart: Distance that triangles and mirrors keep all the way, below the clearance of
                 ``start``.
         """
-        share = 1.0
-        if self._kept is not None:
-            share = self._kept.walls.free_fraction(start.distances, end.distances, apart)
+        share = self._free_of_walls(start, end, apart)
         return min(share, self._pairs.free_fraction(start.vertices, end.vertices, apart))
+
+    def _free_of_walls(self, start: Placed, end: Placed, apart: float) -> float:
+        if self._walls is None:
+            return 1.0
+        return self._walls.free_fraction(start.distances, end.distances, apart)
 
     def passes(self, start: Placed, end: Placed) -> bool:
         """Return whether nothing touches on the straight way from ``start``, nor at its end."""
+        if self._repulsion is not None and self._repulsion.is_clear(start.faces, end.faces):
+            return self._free_of_walls(start, end, self.distance) >= 1.0
         clear = self.free_fraction(start, end, self.distance) >= 1.0
-        return clear and (self._kept is None or self.gap(end) == np.inf)
+        return clear and (self._repulsion is None or self.gap(end) == np.inf)
 
     def crosses(self, placed: Placed) -> bool:
         """Return whether any parts that can collide cross each other."""
@@ -215,8 +222,8 @@ class Potential:
     def forget(self) -> None:
         """Let what begins here repeat, see ``Barrier``."""
         self._pairs.forget()
-        if self._kept is not None:
-            self._kept.itself.forget()
+        if self._repulsion is not None:
+            self._repulsion.forget()
 
 
 def _reflections(reference: Floats, mirrors: Sequence[int]) -> list[tuple[Floats, Integers]]:

@@ -28,11 +28,13 @@ class ContactSurface:
     """Collision mesh of a shell's two faces and of obstacles; serial.
 
     Attributes:
-        n_nodes: Nodes of the mid-surface.
+        n_sites: Sites at which the faces are given.
         n_face: Vertices of one face.
         parts: Parts of each cell's edge.
         exempt: Parts nearer than this, and the sizes of their triangles, never collide.
-        map: P, shape (n_face, n_nodes).
+        closed: Whether the shell lies between its two faces everywhere.
+        map: P, shape (n_face, n_sites).
+        face: Triangles of one face, winding as the outside demands, shape (n, 3).
         triangles: Triangles of all, shape (n_triangles, 3).
         mesh: IPC Toolkit's mesh.
     """
@@ -46,22 +48,28 @@ class ContactSurface:
         parts: int = 3,
         obstacles: Sequence[Obstacle] = (),
         closed: bool | None = None,
+        nodes: Integers | None = None,
     ) -> None:
         """Build the mesh.
 
         Args:
-            reference: Reference positions of the nodes, shape (n_nodes, 3).
-            cells: Nodes of the cubic cells, shape (m, 10).
+            reference: Reference positions of the sites at which faces are given, shape
+                (n_sites, 3).
+            cells: Sites of the cubic cells, shape (m, 10).
             orientation: +1 where a cell's nodes wind as the outside demands, else -1, shape (m,).
             exempt: Parts nearer than this in the reference position never collide.
             parts: Parts of each cell's edge; with 3 the vertices are the nodes.
             obstacles: Rigid bodies.
             closed: Whether the cells are of a closed surface; None to find out from them.
+            nodes: Node that each site is at, shape (n_sites,); the faces pass through the middle
+                of the sites at a node.  If None every site is a node.
         """
-        self.n_nodes, self.parts, self.exempt = len(reference), parts, exempt
-        cut = subdivide(cells, parts, orientation=orientation, n_nodes=self.n_nodes)
-        self.map: sparse.csr_array = cut.matrix
+        self.n_sites, self.parts, self.exempt = len(reference), parts, exempt
+        nodes = np.arange(self.n_sites) if nodes is None else nodes
+        cut = subdivide(nodes[cells], parts, orientation=orientation, n_nodes=nodes.max() + 1)
+        self.map: sparse.csr_array = cut.matrix @ _means(nodes)
         self.n_face = n = cut.matrix.shape[0]
+        self.face = cut.triangles
         self.obstacles = tuple(obstacles)
         self._rigid: ObstacleMesh = joined(self.obstacles, 0.0)
         outer = cut.triangles + n
@@ -72,9 +80,10 @@ class ContactSurface:
         self.mesh = _collision_mesh(
             np.concatenate([rest, rest, _shrunk(self._rigid, rest, cut.triangles)]), self.triangles
         )
-        self.mesh.can_collide = self._filter(rest, cut.triangles, exempt, closed)
+        self.closed = _is_closed(cut.triangles) if closed is None else closed
+        self.mesh.can_collide = self._filter(rest, cut.triangles, exempt)
         faces = sparse.block_diag([self.map, self.map], format="csr")
-        held = sparse.csr_array((len(self._rigid.vertices), 2 * self.n_nodes))
+        held = sparse.csr_array((len(self._rigid.vertices), 2 * self.n_sites))
         both = sparse.vstack([faces, held])
         self._pull = sparse.csr_array(sparse.kron(both, sparse.eye_array(3)))
         self._pull_back = sparse.csr_array(self._pull.T)
@@ -84,7 +93,6 @@ class ContactSurface:
         rest: Floats,
         triangles: NDArray[np.int32],
         exempt: float,
-        closed: bool | None,
     ) -> ipctk.CollisionFilter:
         """Return which vertices can collide: no neighbours, no two of obstacles.
 
@@ -92,17 +100,11 @@ class ContactSurface:
         can touch its inner face with its outer.
         """
         n, obstacles = self.n_face, len(self._rigid.vertices)
-        _, count = np.unique(
-            np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1),
-            axis=0,
-            return_counts=True,
-        )
-        closed = bool((count == 2).all()) if closed is None else closed
         apart = ipctk.make_sparse_filter(
-            _neighbours(rest, triangles, exempt, across=not closed), True
+            _neighbours(rest, triangles, exempt, across=not self.closed), True
         )
         rules = [apart]
-        if closed:
+        if self.closed:
             side = np.repeat([0, 1, 2], [n, n, obstacles]).astype(np.int32)
             same_side = ~ipctk.make_vertex_patches_filter(side)
             body = np.repeat([0, 1], [2 * n, obstacles]).astype(np.int32)
@@ -116,7 +118,7 @@ class ContactSurface:
         """Return the places of all vertices, shape (n_vertices, 3), in Fortran's order.
 
         Args:
-            faces: Places of the inner and the outer face at the nodes, shape (2, n_nodes, 3).
+            faces: Places of the inner and the outer face at the sites, shape (2, n_sites, 3).
             time: Normalised time, for obstacles that move.
         """
         placed = joined(self.obstacles, time).vertices
@@ -134,16 +136,16 @@ class ContactSurface:
         return bool(distances.min() < half)
 
     def pull_back(self, forces: Floats) -> Floats:
-        """Return forces on the vertices, shape (n_vertices, 3), as ones on the faces at the nodes.
+        """Return forces on the vertices, shape (n_vertices, 3), as ones on the faces at the sites.
 
         Returns:
-            Shape (2, n_nodes, 3).
+            Shape (2, n_sites, 3).
         """
         pulled: Floats = (self._pull_back @ forces.ravel()).reshape(2, -1, 3)
         return pulled
 
     def pull_back_matrix(self, hessian: sparse.csc_matrix) -> sparse.csr_array:
-        """Return a Hessian in the vertices as one in the faces, shape (6 n_nodes, 6 n_nodes)."""
+        """Return a Hessian in the vertices as one in the faces, shape (6 n_sites, 6 n_sites)."""
         pulled = sparse.csr_array(self._pull_back @ sparse.csr_array(hessian) @ self._pull)
         pulled.eliminate_zeros()
         return pulled
@@ -152,6 +154,18 @@ class ContactSurface:
         """Return 0 for vertices of the inner face, 1 of the outer, 2 of an obstacle."""
         sides: Integers = np.minimum(vertices // self.n_face, 2)
         return sides
+
+
+def _means(nodes: Integers) -> sparse.csr_array:
+    """Return the map from values at sites to their means at nodes, shape (n_nodes, n_sites)."""
+    every = np.arange(len(nodes))
+    return sparse.csr_array((1 / np.bincount(nodes)[nodes], (nodes, every)))
+
+
+def _is_closed(triangles: NDArray[np.int32]) -> bool:
+    """Return whether every edge is that of two triangles."""
+    edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    return bool((np.unique(edges, axis=0, return_counts=True)[1] == 2).all())
 
 
 def _collision_mesh(rest: Floats, triangles: NDArray[np.int32]) -> ipctk.CollisionMesh:

@@ -9,7 +9,6 @@ import ipctk
 import numpy as np
 from scipy.spatial import cKDTree
 
-from opticcup_fem.contact.faces import nodal_means
 from opticcup_fem.contact.surface import vertex_sizes
 from opticcup_fem.snapshot import Floats, Integers, Snapshot, colatitudes, subdivide
 
@@ -62,6 +61,21 @@ def part_name(theta: float, alpha: float) -> str:
     return "bottom" if theta > 0.85 * np.pi else "wall"
 
 
+def _nodal_means(values: Floats, cells: Integers, n_nodes: int) -> Floats:
+    """Return means over the cells at each node.
+
+    Args:
+        values: At the nodes of the cells, shape (m, 10, ...).
+        cells: Nodes of the cells, shape (m, 10).
+        n_nodes: Number of nodes.
+    """
+    sums = np.zeros((n_nodes, *values.shape[2:]))
+    np.add.at(sums, cells, values)
+    count = np.bincount(cells.ravel(), minlength=n_nodes)
+    means: Floats = sums / count.reshape(-1, *([1] * (sums.ndim - 1)))
+    return means
+
+
 class TouchMeter:
     """Finds the nearest parts of one mesh's surface, neighbours apart, in any number of states."""
 
@@ -88,7 +102,7 @@ class TouchMeter:
             cells = snapshot.cells_of(region)
             middle = snapshot.position[snapshot.cells[cells]]
             vectors[cells] = faces[:, :, [0, -1]] - middle[:, :, None]
-        offsets = nodal_means(vectors, self._cells, n_nodes)
+        offsets = _nodal_means(vectors, self._cells, n_nodes)
         x = self._map @ snapshot.position
         half = self._map @ np.linalg.norm(offsets, axis=2)
         normal = self._map @ (offsets[:, 1] - offsets[:, 0])

@@ -51,15 +51,15 @@ class Walls:
         """Spread the points.
 
         Args:
-            reference: Reference positions of the nodes, shape (n_nodes, 3).
-            cells: Nodes of the cubic cells of the part, shape (m, 10).
+            reference: Reference positions of the sites, shape (n_sites, 3).
+            cells: Sites of the cubic cells of the part, shape (m, 10).
             planes: Components i that are nought on a mirror; the part is where all are positive.
             thickness: Thickness of the shell.
             distance: d_hat.
             stiffness: k.
         """
         self.distance, self.stiffness = distance, stiffness
-        self._planes, self._n_nodes = list(planes), len(reference)
+        self._planes, self._n_sites = list(planes), len(reference)
         maps, areas = zip(*_points(reference, cells, SPACING * thickness), strict=True)
         self._map = sparse.csr_array(sparse.vstack(maps, format="csr"))
         far = (self._map @ reference)[:, self._planes]
@@ -70,7 +70,7 @@ class Walls:
         """Return the distances of the points from the planes, shape (2, n_points, n_planes).
 
         Args:
-            faces: Both faces at the nodes, shape (2, n_nodes, 3).
+            faces: Both faces at the sites, shape (2, n_sites, 3).
 
         Returns:
             inf for points that do not touch a plane.
@@ -86,19 +86,19 @@ class Walls:
         return float(np.sum(weights * barrier(x)[0])) * self.stiffness / 2 * self.distance
 
     def gradient(self, distances: Floats) -> Floats | None:
-        """Return dE_w/dx of the faces at the nodes, shape (2, n_nodes, 3), None without touch."""
+        """Return dE_w/dx of the faces at the sites, shape (2, n_sites, 3), None without touch."""
         near, x, weights = self._near(distances)
         if len(x) == 0:
             return None
         slope = np.zeros(distances.shape)
         slope[near] = self.stiffness * weights * barrier(x)[1]
-        value = np.zeros((2, self._n_nodes, 3))
+        value = np.zeros((2, self._n_sites, 3))
         for face in (0, 1):
             value[face][:, self._planes] = self._map.T @ slope[face]
         return value
 
     def hessian(self, distances: Floats) -> sparse.csr_array | None:
-        """Return d2E_w/dx2, shape (6 n_nodes, 6 n_nodes), None without touch.
+        """Return d2E_w/dx2, shape (6 n_sites, 6 n_sites), None without touch.
 
         b is convex, and distances are linear in the faces: no eigenvalue is negative.
         """
@@ -107,7 +107,7 @@ class Walls:
             return None
         bend = np.zeros(distances.shape)
         bend[near] = 2 * self.stiffness / self.distance * weights * barrier(x)[2]
-        n = self._n_nodes
+        n = self._n_sites
         value = sparse.csr_array((6 * n, 6 * n))
         for face in (0, 1):
             for k, i in enumerate(self._planes):

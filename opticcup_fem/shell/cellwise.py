@@ -72,7 +72,7 @@ class Cellwise:
             "sigma": state.sigma,
         }
         if state.contact is not None:
-            arrays["heights"] = state.contact.heights[spaces.nodes]
+            arrays["heights"] = state.contact.heights
         return self.gather(arrays)
 
     def unpack(self, arrays: CellArrays, time: float = 0.0, touches: bool = False) -> ShellState:
@@ -93,7 +93,7 @@ class Cellwise:
 
         contact = None
         if "heights" in mine:
-            contact = ContactData(at_nodes(mine["heights"]), time, touches)
+            contact = ContactData(mine["heights"], time, touches)
         directors = self.shell.directors
         return ShellState(
             r=at_nodes(mine["r"]),

@@ -37,7 +37,8 @@ class ContactData:
     """What contact keeps fixed while a state is solved for (see ``contact.model``).
 
     Attributes:
-        heights: Heights of the inner and the outer face over the nodes, shape (n_nodes, 2).
+        heights: Heights of the inner and the outer face over the nodes of the cells, shape
+            (n_cells, n_cell_nodes, 2).
         time: Normalised time at which moving obstacles stand.
         touches: Whether anything is within the barrier's reach.
     """

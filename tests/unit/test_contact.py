@@ -37,12 +37,14 @@ def shell_faces(mesh: Snapshot) -> ShellFaces:
 
 def heights_of(mesh: Snapshot, thickness: float = H) -> np.ndarray:
     """Heights of both faces of a shell of constant thickness."""
-    return np.tile([-thickness / 2, thickness / 2], (len(mesh.reference), 1))
+    return np.tile([-thickness / 2, thickness / 2], (*mesh.cells.shape, 1))
 
 
 def faces_of(state: Snapshot, thickness: float = H) -> np.ndarray:
-    """Both faces of a shell of constant thickness."""
-    return shell_faces(state).places(state.position, heights_of(state, thickness))
+    """Both faces of a shell of constant thickness at its nodes, the mean of their cells'."""
+    faces = shell_faces(state)
+    places = faces.places(state.position, heights_of(state, thickness))
+    return faces.at_nodes(places) / np.bincount(state.cells.ravel())[:, None]
 
 
 def dimple(sphere: Snapshot, gap: float) -> Snapshot:
@@ -133,21 +135,22 @@ def test_gradient_and_hessian_are_derivatives(sphere: Snapshot) -> None:
 
 def test_faces_lie_along_the_normal(sphere: Snapshot) -> None:
     """On a sphere of radius 1.3 those of heights -.1 and .2 are spheres of radius 1.2 and 1.5."""
-    heights = np.tile([-0.1, 0.2], (len(sphere.reference), 1))
+    heights = np.tile([-0.1, 0.2], (*sphere.cells.shape, 1))
     places = shell_faces(sphere).places(1.3 * sphere.reference, heights)
     for face, radius in zip(places, (1.2, 1.5), strict=True):
-        np.testing.assert_allclose(face, radius * sphere.reference, atol=3e-3)
+        np.testing.assert_allclose(face, radius * sphere.reference[sphere.cells.ravel()], atol=3e-3)
 
 
 def test_variations_of_the_faces_are_derivatives(sphere: Snapshot) -> None:
     """Central differences of the faces and of forces times faces; only where they are asked for."""
     rng = np.random.default_rng(5)
     state, faces = dimple(sphere, 0.01), shell_faces(sphere)
-    n, r = len(sphere.reference), state.position
-    heights = heights_of(sphere) * rng.uniform(0.5, 1.5, (n, 1))
+    r, n = state.position, sphere.cells.size
+    heights = heights_of(sphere) * rng.uniform(0.5, 1.5, (*sphere.cells.shape, 1))
     direction = rng.normal(size=r.shape)
-    moved = np.flatnonzero(sphere.reference[:, 2] > 0.7)
-    step, variations = 1e-6, faces.at(r, heights, moved)
+    top = sphere.reference[sphere.cells][:, :, 2].min(axis=1) > 0.7
+    moved = np.flatnonzero(np.repeat(top, 10))
+    step, variations = 1e-6, faces.at(r, heights, moved[::3])  # whole cells are taken
     ahead, behind = (faces.places(r + s * step * direction, heights) for s in (1, -1))
     slope = (ahead - behind) / (2 * step)
     first = (variations.first() @ direction.ravel()).reshape(2, n, 3)
@@ -164,6 +167,21 @@ def test_variations_of_the_faces_are_derivatives(sphere: Snapshot) -> None:
     ]
     bend = (levers[0] - levers[1]) / (2 * step)
     assert np.abs(second @ direction.ravel() - bend).max() < 1e-6 * np.abs(bend).max()
+
+
+def test_faces_meet_in_the_middle_of_their_cells(sphere: Snapshot) -> None:
+    """Faces of single cells, joined to a mesh: vertices are means, forces are shared evenly."""
+    nodes = sphere.cells.ravel()
+    sites = np.arange(nodes.size).reshape(sphere.cells.shape)
+    surface = ContactSurface(sphere.reference[nodes], sites, sphere.orientation, 0.1, nodes=nodes)
+    assert surface.closed
+    faces = shell_faces(sphere)
+    places = faces.places(sphere.reference, heights_of(sphere))
+    expected = surface_of(sphere).vertices(faces_of(sphere))
+    np.testing.assert_allclose(surface.vertices(places), expected, atol=1e-14)
+    force = np.random.default_rng(7).normal(size=(2 * len(sphere.reference), 3))
+    shared = surface.pull_back(force)
+    np.testing.assert_allclose(np.concatenate(faces.at_nodes(shared)), force, atol=1e-14)
 
 
 def test_stiffness_and_distance_enter(sphere: Snapshot) -> None:

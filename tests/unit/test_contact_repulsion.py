@@ -158,8 +158,8 @@ def test_sliding_faces_feel_no_points(sphere: Snapshot) -> None:
     for energy in (smooth.energy, lambda faces: rough.energy(surface.vertices(faces))):
         energies = np.array([energy(turned(angle)) for angle in angles])
         ripples.append(float(np.ptp(energies) / energies.mean()))
-    assert ripples[0] < 0.005
-    assert ripples[0] < 0.2 * ripples[1]
+    assert ripples[0] < 0.002
+    assert ripples[0] < 0.6 * ripples[1]
 
 
 def test_neighbours_along_the_shell_do_not_touch(sphere: Snapshot) -> None:
