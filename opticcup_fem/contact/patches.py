@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from opticcup_fem.contact.surface import ContactSurface
@@ -23,7 +23,7 @@ BULGE = 1.15
 SPREAD = 1.3
 """Angle of a curved patch's normals from their mean over that of those at its corners."""
 
-CLASSES = 2
+CLASSES = 3
 """Classes of like radius between one radius and its double."""
 
 
@@ -45,8 +45,9 @@ class Patches:
             surface: The collision mesh.
         """
         self._face, self._exempt = surface.face.astype(np.int64), surface.exempt
-        self.count = len(surface.face)
-        self._side = np.repeat([0, 1], self.count)
+        self.count, self._of_cell = len(surface.face), surface.parts**2
+        in_cells = self._face.reshape(-1, 3 * self._of_cell)
+        self._cells = np.stack([np.unique(corners) for corners in in_cells])
         self._rest, self.extent = _balls(rest[surface.face])
 
     def radius(self, *vertices: Floats) -> Floats:
@@ -67,32 +68,25 @@ class Patches:
             Shape (n, 2): all pairs that come nearer than the reach somewhere, but for neighbours
             along the shell; some that do not as well.
         """
-        balls = [_balls(_of_both(one, self._face)) for one in vertices]
-        x = np.stack([centre for centre, _ in balls])
-        radius = np.max([radius for _, radius in balls], axis=0)
-        middle = x.mean(axis=0)
-        swept = radius + np.linalg.norm(x[0] - middle, axis=1)
-        pairs = balls_near(middle, swept, reach, self._side)
-        pairs = pairs[nearest(x, pairs) < radius[pairs].sum(axis=1) + reach]
-        pairs = pairs[self._may_face(pairs, vertices)]
+        normals = [self._normals(one) for one in vertices]
+        cells = _Pieces.of(self._cells, vertices, normals)
+        patches = _Pieces.of(self._face, vertices, normals)
+        every = np.arange(len(cells.radius))
+        itself = np.column_stack([every, every])
+        found = np.concatenate([itself, cells.balls_near(reach)])
+        first, second = _meeting(cells, cells, found, reach).T
+        # the patches of the one cell with all of the other, then with each of its patches
+        n = self._of_cell
+        pairs = np.column_stack([_parts(first, n), np.repeat(second, n)])
+        first, second = _meeting(patches, cells, pairs, reach).T
+        pairs = np.column_stack([np.repeat(first, n), _parts(second, n)])
+        same = pairs[:, 0] // n == pairs[:, 1] // n
+        pairs = pairs[~same | (pairs[:, 0] < pairs[:, 1])]
+        pairs = _meeting(patches, patches, pairs, reach)
         rest = pairs % self.count
         far = distances(self._rest, rest) + self.extent[rest].sum(axis=1)
         touching: Integers = pairs[far > self._exempt]
         return touching
-
-    def _may_face(self, pairs: Integers, vertices: Sequence[Floats]) -> NDArray[np.bool_]:
-        """Return which pairs of patches may look at each other, from the cones of their normals."""
-        normals = [_of_both(self._normals(one), self._face) for one in vertices]
-        around = np.concatenate(normals, axis=1)
-        axis = _unit(around.sum(axis=1))
-        cosine = np.einsum("pki,pi->pk", around, axis).min(axis=1)
-        angle = SPREAD * np.arccos(np.clip(cosine, -1.0, 1.0))
-        first, second = pairs.T
-        turned = np.einsum("pi,pi->p", axis[first], axis[second])
-        may: NDArray[np.bool_] = turned < np.sin(
-            np.minimum(angle[first] + angle[second], np.pi / 2)
-        )
-        return may
 
     def _normals(self, vertices: Floats) -> Floats:
         """Return the normals of both faces at their vertices, shape (2 n_face, 3)."""
@@ -103,6 +97,64 @@ class Patches:
             sums = [np.bincount(corners, np.repeat(v, 3), len(face)) for v in flat.T]
             found.append(_unit(np.stack(sums, axis=1)))
         return np.concatenate(found)
+
+
+class _Pieces(NamedTuple):
+    """Pieces of both faces at one place, or at the ends of a way: balls, and cones of normals.
+
+    Attributes:
+        centres: Centres of the balls at each place, shape (n_places, n, 3).
+        radius: Their radii, the larger of those at both places, shape (n,).
+        axis: Axes of the cones, which hold the normals at both places, shape (n, 3).
+        angle: Their half angles, shape (n,).
+    """
+
+    centres: Floats
+    radius: Floats
+    axis: Floats
+    angle: Floats
+
+    @classmethod
+    def of(
+        cls, corners: Integers, vertices: Sequence[Floats], normals: Sequence[Floats]
+    ) -> _Pieces:
+        """Return pieces with the given vertices of one face as corners, shape (n, k)."""
+        balls = [_balls(_of_both(one, corners)) for one in vertices]
+        around = np.concatenate([_of_both(one, corners) for one in normals], axis=1)
+        axis = _unit(around.sum(axis=1))
+        cosine = np.einsum("pki,pi->pk", around, axis).min(axis=1)
+        return cls(
+            np.stack([centre for centre, _ in balls]),
+            np.max([radius for _, radius in balls], axis=0),
+            axis,
+            SPREAD * np.arccos(np.clip(cosine, -1.0, 1.0)),
+        )
+
+    def balls_near(self, reach: float) -> Integers:
+        """Return pairs of one face whose swept balls are near, and some more, shape (n, 2)."""
+        middle = self.centres.mean(axis=0)
+        swept = self.radius + np.linalg.norm(self.centres[0] - middle, axis=1)
+        return balls_near(middle, swept, reach, np.repeat([0, 1], len(middle) // 2))
+
+
+def _meeting(one: _Pieces, other: _Pieces, pairs: Integers, reach: float) -> Integers:
+    """Return the pairs that may look at each other and come nearer than the reach."""
+    first, second = np.ascontiguousarray(pairs.T)
+    turned = np.zeros(len(pairs))
+    for i in range(3):  # by columns: pairs are many
+        turned += one.axis[:, i][first] * other.axis[:, i][second]
+    within = np.minimum(one.angle[first] + other.angle[second], np.pi / 2)
+    pairs = pairs[turned < np.sin(within)]
+    first, second = np.ascontiguousarray(pairs.T)
+    apart = _least(one.centres, other.centres, first, second)
+    some: Integers = pairs[apart < one.radius[first] + other.radius[second] + reach]
+    return some
+
+
+def _parts(cells: Integers, n: int) -> Integers:
+    """Return the n parts of each of some cells, shape (n len(cells),)."""
+    parts: Integers = (n * cells[:, None] + np.arange(n)).ravel()
+    return parts
 
 
 def _of_both(values: Floats, pieces: Integers) -> Floats:
@@ -136,14 +188,19 @@ def nearest(places: Floats, pairs: Integers) -> Floats:
         places: Points where they are, or at both ends of their ways, shape (1 or 2, n, 3).
         pairs: Shape (n_pairs, 2).
     """
-    first, second = np.ascontiguousarray(pairs.T)
-    square, along, way = np.zeros((3, len(pairs)))
+    return _least(places, places, *np.ascontiguousarray(pairs.T))
+
+
+def _least(one: Floats, other: Floats, first: Integers, second: Integers) -> Floats:
+    """Return ``nearest`` of pairs of which one point is of one kind, and one of another."""
+    square, along, way = np.zeros((3, len(first)))
     for i in range(3):  # by columns: pairs are many
-        start, end = (np.ascontiguousarray(places[k, :, i]) for k in (0, -1))
-        apart = start[first] - start[second]
+        a, a_end = (np.ascontiguousarray(one[k, :, i]) for k in (0, -1))
+        b, b_end = (np.ascontiguousarray(other[k, :, i]) for k in (0, -1))
+        apart = a[first] - b[second]
         square += apart * apart
-        if len(places) > 1:
-            change = (end[first] - end[second]) - apart
+        if len(one) > 1:
+            change = (a_end[first] - b_end[second]) - apart
             along -= apart * change
             way += change * change
     share = np.clip(along / (way + np.finfo(float).tiny), 0.0, 1.0)

@@ -31,13 +31,13 @@ from opticcup_fem.snapshot import Floats, Integers, lagrange_gradient
 SPACING = 1.0
 """Size of the triangles that points stand for, over d_hat."""
 
-ROOM = 0.25
+ROOM = 0.1
 """How far points may move, over d_hat, before those that are near are looked for again."""
 
-FAR = 0.75
+FAR = 0.35
 """How far they may move before it is looked anew for those that can come near at all."""
 
-COARSE = 2.0
+COARSE = 3.0
 """Radius of the parts that are looked for, over the size of the triangles that points stand for."""
 
 MANY = 20_000
@@ -45,6 +45,9 @@ MANY = 20_000
 
 AHEAD = 4.0
 """Room, over the length of a way, that a quick look looks for beside it."""
+
+MOST_AHEAD = 2.0
+"""The most of it, over d_hat: more takes longer to look for than it saves."""
 
 RAMP = 1.0
 """Range of reference distances, over the thickness, in which c grows from 0 to 1."""
@@ -192,7 +195,7 @@ class Repulsion:
             if 2 * max(_farthest(start, seen), _farthest(end, seen)) < room:
                 return True
         room = AHEAD * _farthest(start, end)
-        for more in (room, 0.0) if room < self._ramp else (0.0,):
+        for more in (room, 0.0) if room < MOST_AHEAD * self.distance else (0.0,):
             reach = self.distance + more
             _, pairs = self._search.near([start, end], reach, self.distance / 2, MANY)
             if len(pairs) == 0:
