@@ -138,7 +138,6 @@ class Contact:
             before: A state in which nothing touches.
             after: The other end of the way.
         """
-        self._begin()
         goal = replace(after, contact=replace(self._present(after), touches=False))
         start, end = self._of(before), self._of(goal)
         clear = True
@@ -269,10 +268,11 @@ class Contact:
 
     # --- ways to a state ----------------------------------------------------------------------
 
-    def _begin(self) -> None:
+    def _begin(self, start: ShellState) -> None:
         """Let a way depend on its ends alone, so that a resumed run repeats what it left."""
-        if self.potential is not None:
-            self.potential.forget()
+        placed = self._of(start)
+        if self.potential is not None and placed is not None:
+            self.potential.begin(placed)
 
     def reachable(self, before: ShellState, guess: ShellState) -> tuple[ShellState, float]:
         """Return the farthest safe state on the way to a guess, and its share (collective).
@@ -281,7 +281,7 @@ class Contact:
         towards where they stand at the present t_n.  The share 1 is the guess itself.
         """
         assert before.contact is not None
-        self._begin()
+        self._begin(before)
         arrived = replace(before.contact, time=self.shell.t_n)
         if self.shell.evaluate(guess, tangent=False)[1] is None:
             arrived = self._present(guess)

@@ -206,6 +206,7 @@ class Potential:
 
     def passes(self, start: Placed, end: Placed) -> bool:
         """Return whether nothing touches on the straight way from ``start``, nor at its end."""
+        self._forget()
         if self._repulsion is not None and self._repulsion.is_clear(start.faces, end.faces):
             return self._free_of_walls(start, end, self.distance) >= 1.0
         clear = self.free_fraction(start, end, self.distance) >= 1.0
@@ -219,8 +220,13 @@ class Potential:
         """See ``ContactSurface``."""
         return self._surface.holds_obstacle(half)
 
-    def forget(self) -> None:
-        """Let what begins here repeat, see ``Barrier``."""
+    def begin(self, start: Placed) -> None:
+        """Let a way from these places depend on nothing that was before, see ``Barrier``."""
+        self._forget()
+        if self._repulsion is not None:
+            self._repulsion.forget(self._pairs.gap(start.vertices))
+
+    def _forget(self) -> None:
         self._pairs.forget()
         if self._repulsion is not None:
             self._repulsion.forget()

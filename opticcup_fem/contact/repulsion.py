@@ -11,8 +11,8 @@ other.  c(X, Y) is nought for neighbours along the shell, nearer than the distan
 position that the collision mesh exempts, and grows smoothly to 1 where they are farther.  Only
 parts of one face touch: the shell is closed.
 
-It is summed over the midpoints of triangles that are d_hat large where the faces are *now*;
-they are laid out anew with ``forget``, and kept in between.
+It is summed over the midpoints of triangles that are d_hat large where the faces are *now*,
+smaller ones where gaps are narrow; they are laid out anew with ``forget``, and kept in between.
 """
 
 from __future__ import annotations
@@ -30,6 +30,12 @@ from opticcup_fem.snapshot import Floats, Integers, lagrange_gradient
 
 SPACING = 1.0
 """Size of the triangles that points stand for, over d_hat."""
+
+NARROW = 0.3
+"""Gap, over d_hat, below which they stand for triangles ``FINE`` d_hat large."""
+
+FINE = 0.4
+"""Size of the triangles that points of narrow gaps stand for, over d_hat."""
 
 ROOM = 0.1
 """How far points may move, over d_hat, before those that are near are looked for again."""
@@ -145,14 +151,20 @@ class Repulsion:
         base = np.einsum("tja,cji->ctai", slopes, reference[cells]).reshape(-1, 2, 3)
         area = np.linalg.norm(np.cross(base[:, 0], base[:, 1]), axis=1)
         self._area = area / (2 * len(self._search.corners))
+        self._size = SPACING * distance
         self._levels: Integers | None = None
         self._around: tuple[Floats, _Points] | None = None
         self._near: _Near | None = None
         self._touching: tuple[Floats, _Touching] | None = None
         self._clear: tuple[Floats, float] | None = None
 
-    def forget(self) -> None:
-        """Lay the points out anew at the next places: what begins here repeats."""
+    def forget(self, gap: float = np.inf) -> None:
+        """Lay the points out anew at the next places: what begins here repeats.
+
+        Args:
+            gap: Gap that is to be resolved.
+        """
+        self._size = (SPACING if gap > NARROW * self.distance else FINE) * self.distance
         self._levels = self._around = self._near = self._touching = None
 
     # --- which points are near ----------------------------------------------------------------
@@ -172,7 +184,7 @@ class Repulsion:
         if self._around is None or _farthest(faces, self._around[0]) > FAR / BULGE * self.distance:
             if self._levels is None:
                 self._levels = self._cuts(faces)
-            reach, size = (1 + 2 * (ROOM + FAR)) * self.distance, COARSE * SPACING * self.distance
+            reach, size = (1 + 2 * (ROOM + FAR)) * self.distance, COARSE * self._size
             parts, _ = self._search.near([faces], reach, size)
             level = self._levels[parts.patch % self._search.patches.count]
             self._around = faces.copy(), self._points(cut_to(level, parts))
@@ -182,7 +194,7 @@ class Repulsion:
         """Return into how many parts the edges of patches are cut for points, shape (count,)."""
         sides = (face[self._surface.face] for face in np.split(self._surface.vertices(faces), 2))
         longest = np.maximum(*(longest_edges(corners) for corners in sides))
-        cuts: Integers = np.ceil(longest / (SPACING * self.distance)).astype(int)
+        cuts: Integers = np.ceil(longest / self._size).astype(int)
         return cuts
 
     def is_clear(self, start: Floats, end: Floats) -> bool:

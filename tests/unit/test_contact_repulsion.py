@@ -100,6 +100,18 @@ def test_energy_of_flat_faces(sphere: Snapshot, gap: float) -> None:
     assert potential.gradient(apart) is None and potential.hessian(apart) is None
 
 
+def test_narrow_gaps_have_finer_points(sphere: Snapshot) -> None:
+    """Points that are told of a narrow gap give its energy; those that are not feel each other."""
+    gap = 0.12 * D_HAT
+    faces = np.stack([pressed_flat(sphere, gap), sphere.reference + 5.0])
+    potential, expected = repulsion_of(sphere), expected_energy(gap)
+    errors = []
+    for known in (gap, np.inf):
+        potential.forget(known)
+        errors.append(abs(potential.energy(faces) / expected - 1))
+    assert errors[0] < 0.02 and errors[1] > 2 * errors[0]
+
+
 def test_gradient_and_hessian_are_derivatives(sphere: Snapshot) -> None:
     """Central differences along a random motion; the convex part has no negative eigenvalue."""
     potential, faces = repulsion_of(sphere), faces_of(dimple(sphere, GAP))
