@@ -305,7 +305,10 @@ class ContactTable(_Table):
         default=2.0, description="resist: stress scale of the barrier; default 50 (h/R)^2"
     )
     subdivision: int = Field(
-        default=3, ge=1, le=12, description="resist: triangles along each cell's edge that touch"
+        default=3,
+        ge=1,
+        le=12,
+        description="resist: triangles along each cell's edge by which collisions are found",
     )
     obstacles: tuple[ObstacleTable, ...] = Field(
         default=(),
