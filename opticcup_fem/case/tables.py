@@ -285,7 +285,8 @@ class ContactTable(_Table):
 
     Contact is resisted where it can be (docs/decisions/0045-contact-is-resisted.md): on the
     surface, with ``run.follow = "stable"`` and a closure that has an energy; elsewhere it ends the
-    run.  The default of ``stiffness`` is 50 (h/R)^2 (docs/decisions/0018-contact-barrier.md).
+    run.  The default of ``stiffness`` is 50 (h/R)^2 (docs/decisions/0018-contact-barrier.md), that
+    of ``subdivision`` follows the cells (docs/decisions/0047-points-for-closed-shells.md).
     """
 
     mode: Literal["off", "stop", "resist"] = Field(
@@ -308,7 +309,8 @@ class ContactTable(_Table):
         default=3,
         ge=1,
         le=12,
-        description="resist: triangles along each cell's edge by which collisions are found",
+        description="resist: triangles along each cell's edge by which collisions are found; by "
+        "default so many that they are .8 h long in the OOV, 3 to 6, and 3 beside obstacles",
     )
     obstacles: tuple[ObstacleTable, ...] = Field(
         default=(),
@@ -369,6 +371,10 @@ class Case(_Table):
             defaults["distance"] = min(contact.distance, math.floor(1000 * largest) / 1000)
         if "stiffness" not in given:
             defaults["stiffness"] = float(f"{50 * h * h:.4g}")
+        if "subdivision" not in given and not contact.obstacles:
+            # flat triangles cut the corners of folds that are a thickness wide
+            wanted = math.ceil(info.data["mesh"].cell_size_oov / (0.8 * h))
+            defaults["subdivision"] = min(max(contact.subdivision, wanted), 6)
         return contact.model_copy(update=defaults)
 
     @field_validator("output", mode="after")

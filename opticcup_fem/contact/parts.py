@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from opticcup_fem.contact.patches import Patches, distances, nearest
+from opticcup_fem.contact.patches import PARTS, Patches, distances, nearest
 from opticcup_fem.contact.surface import ContactSurface
 from opticcup_fem.snapshot import Floats, Integers, lagrange_basis, lattice, midpoints
 
@@ -52,17 +52,17 @@ class NearParts:
     """
 
     def __init__(self, reference: Floats, cells: Integers, surface: ContactSurface) -> None:
-        """Take the triangles of a collision mesh as patches.
+        """Cut the cells into patches.
 
         Args:
             reference: Reference positions of the sites, shape (n_sites, 3).
             cells: Sites of the cubic cells, shape (m, 10).
-            surface: Collision mesh of these cells.
+            surface: Surface of these cells.
         """
-        self._reference, self._surface, self.cells = reference, surface, cells
-        points, triangles = lattice(surface.parts)
-        self.corners: Floats = points[triangles] / surface.parts
-        self.patches = Patches(surface.map @ reference, surface)
+        self._reference, self._exempt, self.cells = reference, surface.exempt, cells
+        points, triangles = lattice(PARTS)
+        self.corners: Floats = points[triangles] / PARTS
+        self.patches = Patches(reference, surface)
 
     def near(
         self, places: Sequence[Floats], reach: float, size: float, most: float = np.inf
@@ -78,7 +78,7 @@ class NearParts:
             size: What is small enough.
             most: Number of pairs that are cut no further.
         """
-        count, vertices = self.patches.count, [self._surface.vertices(faces) for faces in places]
+        count, vertices = self.patches.count, [self.patches.vertices(faces) for faces in places]
         some, numbers = np.unique(self.patches.near(*vertices, reach=reach), return_inverse=True)
         parts = Parts(some, np.ones_like(some), np.zeros_like(some))
         pairs: Integers = numbers.reshape(-1, 2)
@@ -94,7 +94,7 @@ class NearParts:
             apart = nearest(x, pairs) - large[pairs].sum(axis=1)
             far = distances(rest, pairs) + extent[pairs].sum(axis=1)
             some, numbers = np.unique(
-                pairs[(far > self._surface.exempt) & (apart < reach)], return_inverse=True
+                pairs[(far > self._exempt) & (apart < reach)], return_inverse=True
             )
             parts, pairs = parts.of(some), numbers.reshape(-1, 2)
         return parts, pairs

@@ -17,6 +17,9 @@ from scipy.spatial import cKDTree
 from opticcup_fem.contact.surface import ContactSurface
 from opticcup_fem.snapshot import Floats, Integers
 
+PARTS = 3
+"""Parts of each cell's edge: patches are its triangles."""
+
 BULGE = 1.15
 """Radius of a curved patch over that of its corners: a bound for looking."""
 
@@ -28,31 +31,41 @@ CLASSES = 3
 
 
 class Patches:
-    """The triangles of both faces' collision mesh; serial, for closed shells without obstacles.
+    """Both faces cut into triangles; serial, for closed shells without obstacles.
+
+    Places are those of the vertices of both faces' triangles, shape (2 n_face, 3).
 
     Patches are counted over both faces, the inner one first.
 
     Attributes:
+        triangles: Vertices of the patches of one face, shape (count, 3).
         count: Patches of one face.
         extent: Their radii in the reference position, shape (count,).
     """
 
-    def __init__(self, rest: Floats, surface: ContactSurface) -> None:
-        """Take the triangles.
+    def __init__(self, reference: Floats, surface: ContactSurface) -> None:
+        """Cut the cells of a surface.
 
         Args:
-            rest: Reference positions of one face's vertices, shape (n_face, 3).
-            surface: The collision mesh.
+            reference: Reference positions of the sites, shape (n_sites, 3).
+            surface: The surface.
         """
-        self._face, self._exempt = surface.face.astype(np.int64), surface.exempt
-        self.count, self._of_cell = len(surface.face), surface.parts**2
-        in_cells = self._face.reshape(-1, 3 * self._of_cell)
+        self._map, triangles = surface.cut(PARTS)
+        self.triangles: Integers = triangles.astype(np.int64)
+        self._exempt = surface.exempt
+        self.count, self._of_cell = len(triangles), PARTS**2
+        in_cells = self.triangles.reshape(-1, 3 * self._of_cell)
         self._cells = np.stack([np.unique(corners) for corners in in_cells])
-        self._rest, self.extent = _balls(rest[surface.face])
+        rest: Floats = self._map @ reference
+        self._rest, self.extent = _balls(rest[self.triangles])
+
+    def vertices(self, faces: Floats) -> Floats:
+        """Return the places of the vertices from those of both faces at the sites."""
+        return np.concatenate([self._map @ face for face in faces])
 
     def radius(self, *vertices: Floats) -> Floats:
         """Return the radii of all patches, shape (2 count,), the larger of those at all places."""
-        radii = [_balls(_of_both(one, self._face))[1] for one in vertices]
+        radii = [_balls(_of_both(one, self.triangles))[1] for one in vertices]
         largest: Floats = np.max(radii, axis=0)
         return largest
 
@@ -70,7 +83,7 @@ class Patches:
         """
         normals = [self._normals(one) for one in vertices]
         cells = _Pieces.of(self._cells, vertices, normals)
-        patches = _Pieces.of(self._face, vertices, normals)
+        patches = _Pieces.of(self.triangles, vertices, normals)
         every = np.arange(len(cells.radius))
         itself = np.column_stack([every, every])
         found = np.concatenate([itself, cells.balls_near(reach)])
@@ -92,8 +105,8 @@ class Patches:
         """Return the normals of both faces at their vertices, shape (2 n_face, 3)."""
         found = []
         for face in np.split(vertices, 2):
-            a, b, c = (face[self._face[:, k]] for k in range(3))
-            flat, corners = np.cross(b - a, c - a), self._face.ravel()
+            a, b, c = (face[self.triangles[:, k]] for k in range(3))
+            flat, corners = np.cross(b - a, c - a), self.triangles.ravel()
             sums = [np.bincount(corners, np.repeat(v, 3), len(face)) for v in flat.T]
             found.append(_unit(np.stack(sums, axis=1)))
         return np.concatenate(found)

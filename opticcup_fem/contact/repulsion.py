@@ -133,18 +133,18 @@ class Repulsion:
         distance: float,
         stiffness: float,
     ) -> None:
-        """Take the triangles of a collision mesh as patches of which near ones are looked for.
+        """Lay nothing out yet.
 
         Args:
             reference: Reference positions of the sites, shape (n_sites, 3).
             cells: Sites of the cubic cells, shape (m, 10).
-            surface: Collision mesh of these cells.
+            surface: Surface of these cells.
             thickness: Thickness of the shell.
             distance: d_hat.
             stiffness: k.
         """
         self.distance, self.stiffness = distance, stiffness
-        self._reference, self._surface = reference, surface
+        self._reference = reference
         self._exempt, self._ramp = surface.exempt, RAMP * thickness
         self._search = NearParts(reference, cells, surface)
         slopes = lagrange_gradient(self._search.corners.mean(axis=1))
@@ -192,7 +192,8 @@ class Repulsion:
 
     def _cuts(self, faces: Floats) -> Integers:
         """Return into how many parts the edges of patches are cut for points, shape (count,)."""
-        sides = (face[self._surface.face] for face in np.split(self._surface.vertices(faces), 2))
+        patches = self._search.patches
+        sides = (face[patches.triangles] for face in np.split(patches.vertices(faces), 2))
         longest = np.maximum(*(longest_edges(corners) for corners in sides))
         cuts: Integers = np.ceil(longest / self._size).astype(int)
         return cuts

@@ -34,7 +34,6 @@ class ContactSurface:
         exempt: Parts nearer than this, and the sizes of their triangles, never collide.
         closed: Whether the shell lies between its two faces everywhere.
         map: P, shape (n_face, n_sites).
-        face: Triangles of one face, winding as the outside demands, shape (n, 3).
         triangles: Triangles of all, shape (n_triangles, 3).
         mesh: IPC Toolkit's mesh.
     """
@@ -65,28 +64,42 @@ class ContactSurface:
                 of the sites at a node.  If None every site is a node.
         """
         self.n_sites, self.parts, self.exempt = len(reference), parts, exempt
-        nodes = np.arange(self.n_sites) if nodes is None else nodes
-        cut = subdivide(nodes[cells], parts, orientation=orientation, n_nodes=nodes.max() + 1)
-        self.map: sparse.csr_array = cut.matrix @ _means(nodes)
-        self.n_face = n = cut.matrix.shape[0]
-        self.face = cut.triangles
+        self._nodes = np.arange(self.n_sites) if nodes is None else nodes
+        self._cells, self._orientation = cells, orientation
+        self.map, triangles = self.cut(parts)
+        self.n_face = n = self.map.shape[0]
         self.obstacles = tuple(obstacles)
         self._rigid: ObstacleMesh = joined(self.obstacles, 0.0)
-        outer = cut.triangles + n
-        inner = cut.triangles[:, ::-1]
+        outer = triangles + n
+        inner = triangles[:, ::-1]
         rigid = self._rigid.triangles + 2 * n
         self.triangles: NDArray[np.int32] = np.concatenate([inner, outer, rigid]).astype(np.int32)
         self._rest = rest = self.map @ reference
         self.mesh = _collision_mesh(
-            np.concatenate([rest, rest, _shrunk(self._rigid, rest, cut.triangles)]), self.triangles
+            np.concatenate([rest, rest, _shrunk(self._rigid, rest, triangles)]), self.triangles
         )
-        self.closed = _is_closed(cut.triangles) if closed is None else closed
-        self.mesh.can_collide = self._filter(rest, cut.triangles, exempt)
+        self.closed = _is_closed(triangles) if closed is None else closed
+        self.mesh.can_collide = self._filter(rest, triangles, exempt)
         faces = sparse.block_diag([self.map, self.map], format="csr")
         held = sparse.csr_array((len(self._rigid.vertices), 2 * self.n_sites))
         both = sparse.vstack([faces, held])
         self._pull = sparse.csr_array(sparse.kron(both, sparse.eye_array(3)))
         self._pull_back = sparse.csr_array(self._pull.T)
+
+    def cut(self, parts: int) -> tuple[sparse.csr_array, NDArray[np.int32]]:
+        """Return one face as flat triangles.
+
+        Args:
+            parts: Parts of each cell's edge.
+
+        Returns:
+            The map P from the sites to the vertices, and the triangles, cell by cell, shape
+            (m parts^2, 3), winding as the outside demands.
+        """
+        nodes = self._nodes
+        n_nodes = int(nodes.max()) + 1
+        cut = subdivide(nodes[self._cells], parts, orientation=self._orientation, n_nodes=n_nodes)
+        return sparse.csr_array(cut.matrix @ _means(nodes)), cut.triangles
 
     def _filter(
         self,

@@ -289,8 +289,19 @@ def test_default_barrier_is_no_wider_than_the_cells(size):
     sizes = {"cell_size_interface": size}
     assert parse_case({"mesh": sizes}).contact.distance == pytest.approx(size / 0.2, abs=1e-3)
     assert parse_case({}).contact.distance == 0.2
+
     with pytest.raises(CaseError, match=r"contact\.distance = 0\.2 is not possible"):
         parse_case({"mesh": sizes, "contact": {"distance": 0.2}})
+
+
+def test_collisions_are_found_by_triangles_smaller_than_the_thickness() -> None:
+    """By default; beside obstacles, where triangles push, they are nine a cell."""
+    slender = {"shape": {"radius_over_thickness": 15}, "mesh": {"cell_size_oov": 0.24}}
+    assert parse_case(slender).contact.subdivision == 5
+    assert parse_case({}).contact.subdivision == 3
+    assert parse_case({**slender, "contact": {"subdivision": 2}}).contact.subdivision == 2
+    plate = {"kind": "plate", "centre": [0, 0, 2]}
+    assert parse_case({**slender, "contact": {"obstacles": [plate]}}).contact.subdivision == 3
 
 
 def test_resolved_case_round_trips_with_versions_and_units(tmp_path):

@@ -28,21 +28,23 @@ def sphere() -> Snapshot:
 
 def patches_of(mesh: Snapshot, exempt: float = 0.1) -> tuple[Patches, ContactSurface]:
     surface = surface_of(mesh, exempt=exempt)
-    return Patches(surface.map @ mesh.reference, surface), surface
+    return Patches(mesh.reference, surface), surface
 
 
 def vertices_of(surface: ContactSurface, state: Snapshot) -> Floats:
     return surface.vertices(faces_of(state))
 
 
-def corners_near(surface: ContactSurface, vertices: Floats, rest: Floats) -> Integers:
+def corners_near(patches: Patches, vertices: Floats, rest: Floats) -> Integers:
     """Pairs of patches of one face with corners nearer than the reach, from all pairs of these."""
-    count, found = len(surface.face), []
+    count, found = len(patches.triangles), []
     for side, face in enumerate(np.split(vertices, 2)):
         pairs = cKDTree(face).query_pairs(REACH, output_type="ndarray")
         pairs = pairs[np.linalg.norm(rest[pairs[:, 0]] - rest[pairs[:, 1]], axis=1) > 0.5]
         for one, other in pairs:
-            at = [np.flatnonzero((surface.face == vertex).any(axis=1)) for vertex in (one, other)]
+            at = [
+                np.flatnonzero((patches.triangles == vertex).any(axis=1)) for vertex in (one, other)
+            ]
             found.append(np.stack(np.meshgrid(*at), axis=2).reshape(-1, 2) + side * count)
     return np.unique(np.sort(np.concatenate(found), axis=1), axis=0)
 
@@ -52,7 +54,7 @@ def test_all_that_are_near_are_found(sphere: Snapshot) -> None:
     patches, surface = patches_of(sphere)
     vertices = vertices_of(surface, dimple(sphere, 0.03))
     found = np.unique(np.sort(patches.near(vertices, reach=REACH), axis=1), axis=0)
-    expected = corners_near(surface, vertices, surface.map @ sphere.reference)
+    expected = corners_near(patches, vertices, surface.map @ sphere.reference)
     assert len(expected) > 1000
     together, counts = np.unique(np.concatenate([found, expected]), axis=0, return_counts=True)
     assert len(together) == len(found) and (counts == 2).sum() == len(expected)
@@ -75,7 +77,7 @@ def test_what_is_near_on_the_way_only(sphere: Snapshot) -> None:
     top, bottom = (np.argmax(side * surface.map @ sphere.reference[:, 2]) for side in (1, -1))
 
     def meets(pairs: Integers) -> bool:
-        at = [np.flatnonzero((surface.face == vertex).any(axis=1)) for vertex in (top, bottom)]
+        at = [np.flatnonzero((patches.triangles == vertex).any(axis=1)) for vertex in (top, bottom)]
         return bool((np.isin(pairs, at[0]).any(axis=1) & np.isin(pairs, at[1]).any(axis=1)).any())
 
     assert not meets(patches.near(before, reach=REACH))
