@@ -30,7 +30,6 @@ class ContactSurface:
     Attributes:
         n_sites: Sites at which the faces are given.
         n_face: Vertices of one face.
-        parts: Parts of each cell's edge.
         exempt: Parts nearer than this, and the sizes of their triangles, never collide.
         closed: Whether the shell lies between its two faces everywhere.
         map: P, shape (n_face, n_sites).
@@ -63,7 +62,7 @@ class ContactSurface:
             nodes: Node that each site is at, shape (n_sites,); the faces pass through the middle
                 of the sites at a node.  If None every site is a node.
         """
-        self.n_sites, self.parts, self.exempt = len(reference), parts, exempt
+        self.n_sites, self.exempt = len(reference), exempt
         self._nodes = np.arange(self.n_sites) if nodes is None else nodes
         self._cells, self._orientation = cells, orientation
         self.map, triangles = self.cut(parts)
