@@ -70,12 +70,12 @@ class NearParts:
         """Return parts of patches that may come near each other, and their pairs.
 
         Pairs of patches that are near each other are cut into pairs of their quarters, again and
-        again, until these are one to two times as large as wanted.
+        again, until these are small enough.
 
         Args:
             places: Places of the faces, one or the ends of a way.
             reach: What is near.
-            size: What is small enough.
+            size: Radius that is small enough.
             most: Number of pairs that are cut no further.
         """
         count, vertices = self.patches.count, [self.patches.vertices(faces) for faces in places]

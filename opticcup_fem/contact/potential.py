@@ -206,9 +206,11 @@ class Potential:
 
     def passes(self, start: Placed, end: Placed) -> bool:
         """Return whether nothing touches on the straight way from ``start``, nor at its end."""
-        self._forget()
-        if self._repulsion is not None and self._repulsion.is_clear(start.faces, end.faces):
-            return self._free_of_walls(start, end, self.distance) >= 1.0
+        self._pairs.forget()
+        if self._repulsion is not None:
+            self._repulsion.forget()
+            if self._repulsion.is_clear(start.faces, end.faces):
+                return self._free_of_walls(start, end, self.distance) >= 1.0
         clear = self.free_fraction(start, end, self.distance) >= 1.0
         return clear and (self._repulsion is None or self.gap(end) == np.inf)
 
@@ -222,14 +224,9 @@ class Potential:
 
     def begin(self, start: Placed) -> None:
         """Let a way from these places depend on nothing that was before, see ``Barrier``."""
-        self._forget()
-        if self._repulsion is not None:
-            self._repulsion.forget(self._pairs.gap(start.vertices))
-
-    def _forget(self) -> None:
         self._pairs.forget()
         if self._repulsion is not None:
-            self._repulsion.forget()
+            self._repulsion.forget(self._pairs.gap(start.vertices))
 
 
 def _reflections(reference: Floats, mirrors: Sequence[int]) -> list[tuple[Floats, Integers]]:

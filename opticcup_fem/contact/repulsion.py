@@ -58,7 +58,6 @@ MOST_AHEAD = 2.0
 RAMP = 1.0
 """Range of reference distances, over the thickness, in which c grows from 0 to 1."""
 
-
 SYMMETRIC = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]
 """Components of a symmetric matrix."""
 
@@ -133,7 +132,7 @@ class Repulsion:
         distance: float,
         stiffness: float,
     ) -> None:
-        """Lay nothing out yet.
+        """Take what the reference position tells; points are laid out when they are needed.
 
         Args:
             reference: Reference positions of the sites, shape (n_sites, 3).

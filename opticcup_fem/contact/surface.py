@@ -98,7 +98,7 @@ class ContactSurface:
         nodes = self._nodes
         n_nodes = int(nodes.max()) + 1
         cut = subdivide(nodes[self._cells], parts, orientation=self._orientation, n_nodes=n_nodes)
-        return sparse.csr_array(cut.matrix @ _means(nodes)), cut.triangles
+        return sparse.csr_array(cut.matrix @ node_means(nodes)), cut.triangles
 
     def _filter(
         self,
@@ -168,7 +168,7 @@ class ContactSurface:
         return sides
 
 
-def _means(nodes: Integers) -> sparse.csr_array:
+def node_means(nodes: Integers) -> sparse.csr_array:
     """Return the map from values at sites to their means at nodes, shape (n_nodes, n_sites)."""
     every = np.arange(len(nodes))
     return sparse.csr_array((1 / np.bincount(nodes)[nodes], (nodes, every)))

@@ -9,7 +9,7 @@ import ipctk
 import numpy as np
 from scipy.spatial import cKDTree
 
-from opticcup_fem.contact.surface import vertex_sizes
+from opticcup_fem.contact.surface import node_means, vertex_sizes
 from opticcup_fem.snapshot import Floats, Integers, Snapshot, colatitudes, subdivide
 
 _REFINED = 20
@@ -61,21 +61,6 @@ def part_name(theta: float, alpha: float) -> str:
     return "bottom" if theta > 0.85 * np.pi else "wall"
 
 
-def _nodal_means(values: Floats, cells: Integers, n_nodes: int) -> Floats:
-    """Return means over the cells at each node.
-
-    Args:
-        values: At the nodes of the cells, shape (m, 10, ...).
-        cells: Nodes of the cells, shape (m, 10).
-        n_nodes: Number of nodes.
-    """
-    sums = np.zeros((n_nodes, *values.shape[2:]))
-    np.add.at(sums, cells, values)
-    count = np.bincount(cells.ravel(), minlength=n_nodes)
-    means: Floats = sums / count.reshape(-1, *([1] * (sums.ndim - 1)))
-    return means
-
-
 class TouchMeter:
     """Finds the nearest parts of one mesh's surface, neighbours apart, in any number of states."""
 
@@ -89,20 +74,19 @@ class TouchMeter:
         """
         cut = subdivide(snapshot.cells, parts)
         self._map, self._triangles = cut.matrix, cut.triangles
-        self._cells, self._exempt = snapshot.cells, exempt
+        self._means, self._exempt = node_means(snapshot.cells.ravel()), exempt
         self._rest = self._map @ snapshot.reference
         self._size = vertex_sizes(self._rest, self._triangles)
         self._theta = colatitudes(self._rest)
 
     def __call__(self, snapshot: Snapshot) -> Nearest | None:
         """Return the nearest parts, None where none is nearer than a thickness."""
-        n_nodes = len(snapshot.position)
         vectors = np.empty((len(snapshot.cells), 10, 2, 3))
         for region, faces in snapshot.faces.items():
             cells = snapshot.cells_of(region)
             middle = snapshot.position[snapshot.cells[cells]]
             vectors[cells] = faces[:, :, [0, -1]] - middle[:, :, None]
-        offsets = _nodal_means(vectors, self._cells, n_nodes)
+        offsets = (self._means @ vectors.reshape(-1, 6)).reshape(-1, 2, 3)
         x = self._map @ snapshot.position
         half = self._map @ np.linalg.norm(offsets, axis=2)
         normal = self._map @ (offsets[:, 1] - offsets[:, 0])

@@ -289,7 +289,6 @@ def test_default_barrier_is_no_wider_than_the_cells(size):
     sizes = {"cell_size_interface": size}
     assert parse_case({"mesh": sizes}).contact.distance == pytest.approx(size / 0.2, abs=1e-3)
     assert parse_case({}).contact.distance == 0.2
-
     with pytest.raises(CaseError, match=r"contact\.distance = 0\.2 is not possible"):
         parse_case({"mesh": sizes, "contact": {"distance": 0.2}})
 
