@@ -78,7 +78,7 @@ class Patches:
             reach: Distance below which they touch.
 
         Returns:
-            Shape (n, 2): all pairs that come nearer than the reach somewhere, but for neighbours
+            Shape (n, 2), all pairs that come nearer than the reach somewhere, but for neighbours
             along the shell; some that do not as well.
         """
         normals = [self._normals(one) for one in vertices]
