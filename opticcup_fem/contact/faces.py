@@ -15,9 +15,11 @@ Places at which the faces are given, each node once in each of its cells, are *s
 
 from __future__ import annotations
 
-import numpy as np
-from scipy import sparse
+from functools import cached_property
 
+import numpy as np
+
+from opticcup_fem.contact.blocks import Blocks
 from opticcup_fem.shell.model import Shell, ShellState
 from opticcup_fem.shell.recovery import layer_heights
 from opticcup_fem.snapshot import Floats, Integers
@@ -70,15 +72,14 @@ class ShellFaces:
         faces = r[self.cells] + np.moveaxis(heights, -1, 0)[..., None] * normal
         return faces.reshape(2, -1, 3)
 
-    def at(self, r: Floats, heights: Floats, moved: Integers) -> FaceVariations:
-        """Return the variations of the faces at some sites; the other faces count as held.
+    def at(self, r: Floats, heights: Floats, some: Integers) -> FaceVariations:
+        """Return the variations of the faces of some cells; the other faces count as held.
 
         Args:
             r: Positions of the nodes, shape (n_nodes, 3).
             heights: Heights of inner and outer face, shape (m, 10, 2).
-            moved: Sites whose faces matter: those of whole cells are taken.
+            some: Cells whose faces matter, shape (k,).
         """
-        some = np.unique(moved // self.cells.shape[1])
         gradient = self._gradient[some]
         base = _base(gradient, r[self.cells[some]])
         return FaceVariations(self, some, gradient, base, heights[some])
@@ -106,7 +107,7 @@ class FaceVariations:
             base: (r_,1, r_,2) there, shape (k, 10, 2, 3).
             heights: Heights of both faces there, shape (k, 10, 2).
         """
-        self._n_sites, self._n_nodes = faces.cells.size, faces.n_nodes
+        self._n_cells, self._n_nodes = len(faces.cells), faces.n_nodes
         self._some, self._nodes = some, faces.cells[some]
         self._gradient, self._heights = gradient, heights
         summed = np.cross(base[:, :, 0], base[:, :, 1])
@@ -118,32 +119,50 @@ class FaceVariations:
         turned = second * one - first * two
         self._summed_variation = turned.reshape(*turned.shape[:3], -1)  # dN/dr, (k, 10, 3, 30)
 
-    @property
-    def _columns(self) -> Integers:
-        """Coordinates of the nodes of the cells, shape (k, 30)."""
-        columns: Integers = (3 * self._nodes[:, :, None] + np.arange(3)).reshape(-1, 30)
-        return columns
-
-    def first(self) -> sparse.csr_array:
-        """Return d(inner faces, outer faces)/dr, shape (6 n_sites, 3 n_nodes)."""
+    @cached_property
+    def _first(self) -> Floats:
+        """d(inner, outer faces)/dr at the sites of each cell in its nodes, (2, k, 30, 30)."""
         n, length = self._normal, self._length[..., None, None]
         across = (np.eye(3) - n[..., :, None] * n[..., None, :]) / length
         turned = across @ self._summed_variation  # dn/dr = (1 - n n^T) dN/dr / |N|
         own = np.eye(30).reshape(10, 3, 30)
         rows = [own + self._heights[:, :, k, None, None] * turned for k in (0, 1)]
-        entries = np.zeros((2, self._n_sites // 10, 30), dtype=np.int64)
-        entries[:, self._some] = 30
-        ends = np.concatenate([[0], np.cumsum(entries)])
-        columns = np.broadcast_to(self._columns[:, None], (len(self._some), 30, 30))
-        where = (np.tile(columns.ravel(), 2), ends)
-        shape = (6 * self._n_sites, 3 * self._n_nodes)
-        return sparse.csr_array((np.stack(rows).ravel(), *where), shape=shape)
+        return np.stack(rows).reshape(2, -1, 30, 30)
 
-    def second(self, forces: Floats) -> sparse.csr_array:
-        """Return the second variation of forces . faces in r, shape (3 n_nodes, 3 n_nodes).
+    def pulled_back_forces(self, forces: Floats) -> Floats:
+        """Return forces on the faces at the sites (2, n_sites, 3) as ones at the nodes."""
+        pushed = forces.reshape(2, -1, 30)[:, self._some]
+        at_cells = np.einsum("kcsp,kcs->cp", self._first, pushed).reshape(-1, 3)
+        nodes = self._nodes.ravel()
+        sums = [np.bincount(nodes, component, self._n_nodes) for component in at_cells.T]
+        return np.stack(sums, axis=1)
+
+    def pulled_back(self, stiffness: Blocks) -> Blocks:
+        """Return stiffness between the faces' cells as one between cells of the mid-surface.
 
         Args:
-            forces: Held forces on the faces, shape (2, n_sites, 3), nought but at the sites asked
+            stiffness: In the places of the faces at the cells' sites; cells are among those asked
+                for, and counted over both faces.
+        """
+        place = np.zeros(self._n_cells, dtype=np.int64)
+        place[self._some] = np.arange(len(self._some))
+        sides, cells = zip(
+            *(np.divmod(one, self._n_cells) for one in (stiffness.first, stiffness.second)),
+            strict=True,
+        )
+        first, second = (self._first[side, place[c]] for side, c in zip(sides, cells, strict=True))
+        values = np.swapaxes(first, 1, 2) @ stiffness.values @ second
+        # a block that stands for its transposed as well, between faces of one cell, is that of
+        # this cell with itself now
+        both = (cells[0] == cells[1]) & (sides[0] != sides[1])
+        values[both] += np.swapaxes(values[both], 1, 2)
+        return Blocks(cells[0], cells[1], values)
+
+    def second(self, forces: Floats) -> Blocks:
+        """Return the second variation of forces . faces in r.
+
+        Args:
+            forces: Held forces on the faces, shape (2, n_sites, 3), nought but in the cells asked
                 for.
         """
         pushed = forces.reshape(2, -1, 10, 3)[:, self._some]
@@ -164,11 +183,7 @@ class FaceVariations:
         weights = first[..., :, None] * second[..., None, :]
         weights = weights - np.swapaxes(weights, -1, -2)
         blocks += np.einsum("cspq,csij->cpiqj", weights, slope, optimize=True).reshape(-1, 30, 30)
-        columns = self._columns
-        row, column = np.broadcast_arrays(columns[:, :, None], columns[:, None, :])
-        where, n_rows = (row.ravel(), column.ravel()), 3 * self._n_nodes
-        together = sparse.coo_array((blocks.ravel(), where), shape=(n_rows, n_rows))
-        return sparse.csr_array(together)
+        return Blocks(self._some, self._some, blocks)
 
 
 def _base(gradient: Floats, r: Floats) -> Floats:

@@ -17,8 +17,8 @@ from mpi4py import MPI
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
+from opticcup_fem.contact.blocks import Blocks
 from opticcup_fem.contact.faces import FaceVariations, ShellFaces, face_heights
 from opticcup_fem.contact.gather import NodeGather
 from opticcup_fem.contact.obstacles import Obstacle
@@ -95,7 +95,8 @@ class Contact:
                 obstacles,
                 mirrors,
             )
-        self._check_start()
+        if obstacles:
+            self._check_start()
 
     def _check_start(self) -> None:
         start = self.shell.reference_state()
@@ -195,15 +196,17 @@ class Contact:
     def gradient(self, state: ShellState) -> Array | None:
         """Return dE_c/dr at the rank's nodes, None where nothing touches (collective)."""
         forces, value = self._forces_of_part(state), None
-        touched = None if forces is None else np.flatnonzero(np.any(forces != 0, axis=(0, 2)))
+        touched = None
+        if forces is not None:
+            pushed = np.any(forces != 0, axis=(0, 2)).reshape(-1, len(NODES))
+            touched = np.flatnonzero(pushed.any(axis=1))
         variations = self._variations(state, touched)
         if variations is not None and forces is not None and self.potential is not None:
-            slope = -(variations.first().T @ forces.ravel()).reshape(-1, 3)
-            value = self.potential.of_all(slope)
+            value = self.potential.of_all(-variations.pulled_back_forces(forces))
         return self.gather.from_root(value) if self.comm.bcast(value is not None) else None
 
-    def hessian(self, state: ShellState, convex: bool = False) -> sparse.csr_array | None:
-        """Return d2E_c/dr2 in all nodes on every rank, None where nothing touches (collective).
+    def hessian(self, state: ShellState, convex: bool = False) -> Blocks | None:
+        """Return d2E_c/dr2 between cells on rank 0, none elsewhere (collective).
 
         With mirrors it is that of all images' energy in the positions of the part that stands for
         them: what is folded by the mirrors afterwards is the same.
@@ -212,25 +215,31 @@ class Contact:
             state: The state.
             convex: Leave out what contact that turns or faces that turn have of negative
                 stiffness: for descent, where the tangent must have none.
+
+        Returns:
+            None on every rank where nothing touches.
         """
         forces = self._forces_of_part(state)
         stiffness = self._ask(state, lambda potential, placed: potential.hessian(placed, convex))
-        touched = None
+        touched, value = None, None
         if forces is not None and stiffness is not None:
-            rows = np.diff(stiffness.indptr).reshape(forces.shape)
-            touched = np.flatnonzero(np.any((rows > 0) | (forces != 0), axis=(0, 2)))
-        variations, value = self._variations(state, touched), None
-        if variations is not None and forces is not None and self.potential is not None:
-            first = variations.first()
-            value = first.T @ stiffness @ first
+            pushed = np.any(forces != 0, axis=(0, 2)).reshape(-1, len(NODES)).any(axis=1)
+            pushed[np.concatenate([stiffness.first, stiffness.second]) % len(pushed)] = True
+            touched = np.flatnonzero(pushed)
+        variations = self._variations(state, touched)
+        if variations is not None and forces is not None and stiffness is not None:
+            parts = [variations.pulled_back(stiffness)]
             if not convex:
-                value = value - variations.second(forces)
-            value = self.potential.images * sparse.csr_array(value)
-            value.eliminate_zeros()
-        return self.comm.bcast(value)
+                second = variations.second(forces)
+                parts.append(second._replace(values=-second.values))
+            value = Blocks.sum(parts)
+            if self.potential is not None and self.potential.images > 1:
+                value.values[:] *= self.potential.images
+        touches = self.comm.bcast(value is not None)
+        return (value or Blocks.none()) if touches else None
 
     def _variations(self, state: ShellState, touched: Integers | None) -> FaceVariations | None:
-        """Return on rank 0 the variations of the faces at sites that touch (collective)."""
+        """Return on rank 0 the variations of the faces of cells that touch (collective)."""
         assert state.contact is not None
         r, heights = self.gather.to_root(state.r), self.gather.cell_values(state.contact.heights)
         if self.faces is None or touched is None:

@@ -2,10 +2,10 @@
 
 Places and forces of faces are those at the sites of ``faces``, shape (2, n_sites, 3).
 
-Flat triangles of the faces, and those of obstacles, are kept from each other by the barrier between
-pairs (``barrier``), which also keeps ways free of collisions.  Where the deformation keeps mirrors,
-one part of the shell stands for all of its images: its own parts repel each other point by point
-(``repulsion``), and the mirrors are its walls (``walls``).
+The parts of a closed shell repel each other point by point (``repulsion``), and its flat triangles
+tell how far it may go (``patches``).  Where the deformation keeps mirrors, one part of the shell
+stands for all of its images, and the mirrors are its walls (``walls``).  The triangles of open
+shells and of obstacles are kept from each other by a barrier between pairs (``barrier``).
 """
 
 from __future__ import annotations
@@ -16,11 +16,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy import sparse
 from scipy.spatial import cKDTree
 
 from opticcup_fem.contact.barrier import Barrier
+from opticcup_fem.contact.blocks import Blocks
 from opticcup_fem.contact.obstacles import Obstacle
+from opticcup_fem.contact.patches import Patches
 from opticcup_fem.contact.repulsion import Repulsion
 from opticcup_fem.contact.surface import ContactSurface
 from opticcup_fem.contact.walls import Walls
@@ -28,6 +29,10 @@ from opticcup_fem.snapshot import Floats, Integers
 
 EXEMPT = 1.5
 """Parts nearer than this many thicknesses in the reference surface cannot touch."""
+
+AHEAD = 0.35
+"""How far parts may move, over the distance at which contact begins, before it is looked anew for
+those that are near."""
 
 
 def exempt_distance(thickness: float, distance: float) -> float:
@@ -116,11 +121,14 @@ class Potential:
             closed=True if mirrors else None,
             nodes=cells.ravel(),
         )
+        self._cells, self._n_cells = np.flatnonzero(part), len(cells)
         self._pairs = Barrier(self._surface, *barrier)
-        self._repulsion: Repulsion | None = None
+        self._itself: tuple[Repulsion, Patches] | None = None
         self._walls: Walls | None = None
         if mirrors or (self._surface.closed and not obstacles):
-            self._repulsion = Repulsion(there, sites, self._surface, thickness, *barrier)
+            patches = Patches(there, self._surface, AHEAD * settings.distance)
+            points = Repulsion(there, sites, self._surface, patches, thickness, *barrier)
+            self._itself = points, patches
         if mirrors:
             self._walls = Walls(there, sites, mirrors, thickness, *barrier)
         self._reflections = _reflections(reference, mirrors)
@@ -133,38 +141,53 @@ class Potential:
 
     def energy(self, placed: Placed) -> float:
         """Return the energy of all images, inf where a mirror is passed."""
-        if self._repulsion is None:
+        if self._itself is None:
             return self._pairs.energy(placed.vertices)
-        energy = self._repulsion.energy(placed.faces)
+        energy = self._itself[0].energy(placed.faces)
         if self._walls is not None:
             energy += self._walls.energy(placed.distances)
         return self.images * energy
 
     def gradient(self, placed: Placed) -> Floats | None:
         """Return dE_c/dx of the faces in the energy of the part alone, None without touch."""
-        if self._repulsion is None:
+        if self._itself is None:
             return self._pairs.gradient(placed.vertices)
-        itself = self._repulsion.gradient(placed.faces)
+        itself = self._itself[0].gradient(placed.faces)
         walls = None if self._walls is None else self._walls.gradient(placed.distances)
         if itself is None or walls is None:
             return itself if walls is None else walls
         together: Floats = itself + walls
         return together
 
-    def hessian(self, placed: Placed, convex: bool = False) -> sparse.csr_array | None:
-        """Return d2E_c/dx2 of the part alone, shape (6 n_sites, 6 n_sites), None without touch.
+    def hessian(self, placed: Placed, convex: bool = False) -> Blocks | None:
+        """Return d2E_c/dx2 of the part alone, between cells' sites; None without touch.
 
         Args:
             placed: Where the faces are.
             convex: Without negative eigenvalues.
+
+        Returns:
+            Cells are counted over both faces.
         """
-        if self._repulsion is None:
-            return self._pairs.hessian(placed.vertices, convex)
-        itself = self._repulsion.hessian(placed.faces, convex)
-        walls = None if self._walls is None else self._walls.hessian(placed.distances)
-        if itself is None or walls is None:
-            return itself if walls is None else walls
-        return sparse.csr_array(itself + walls)
+        if self._itself is None:
+            of_pairs = self._pairs.hessian(placed.vertices, convex)
+            return None if of_pairs is None else Blocks.of(of_pairs)
+        found = []
+        if (itself := self._itself[0].hessian(placed.faces, convex)) is not None:
+            found.append(self._in_whole(itself))
+        if self._walls is not None and (walls := self._walls.hessian(placed.distances)) is not None:
+            found.append(Blocks.of(walls))
+        return Blocks.sum(found) if found else None
+
+    def _in_whole(self, blocks: Blocks) -> Blocks:
+        """Return blocks between cells of the part with these counted in the whole mesh."""
+        first, second = (
+            side * self._n_cells + self._cells[cell]
+            for side, cell in (
+                np.divmod(cells, len(self._cells)) for cells in (blocks.first, blocks.second)
+            )
+        )
+        return Blocks(first, second, blocks.values)
 
     def of_all(self, values: Floats) -> Floats:
         """Return nodes' vectors of all images from those of the part, shape (..., n_nodes, 3)."""
@@ -175,17 +198,22 @@ class Potential:
 
     def gap(self, placed: Placed) -> float:
         """Return the least gap, inf where it exceeds the distance at which the potential begins."""
-        if self._repulsion is None:
+        if self._itself is None:
             return self._pairs.gap(placed.vertices)
-        return min(self._repulsion.gap(placed.faces), self._gap_to_walls(placed))
+        return min(self._itself[0].gap(placed.faces), self._gap_to_walls(placed))
 
     def _gap_to_walls(self, placed: Placed) -> float:
         return np.inf if self._walls is None else self._walls.gap(placed.distances)
 
+    def _gap_of_triangles(self, placed: Placed) -> float:
+        """Return the least distance of triangles, or at most that where the potential begins."""
+        if self._itself is None:
+            return min(self._pairs.gap(placed.vertices), self.distance)
+        return self._itself[1].gap(placed.vertices, self.distance)
+
     def clearance(self, placed: Placed) -> float:
         """Return the most that ``free_fraction`` can keep from here, up to the distance."""
-        gaps = (self._pairs.gap(placed.vertices), self._gap_to_walls(placed))
-        return min(*gaps, self.distance)
+        return min(self._gap_of_triangles(placed), self._gap_to_walls(placed))
 
     def free_fraction(self, start: Placed, end: Placed, apart: float = 0.0) -> float:
         """Return the share of the straight way from ``start`` that is free of collisions, 0 to 1.
@@ -196,23 +224,16 @@ class Potential:
             apart: Distance that triangles and mirrors keep all the way, below the clearance of
                 ``start``.
         """
-        share = self._free_of_walls(start, end, apart)
-        return min(share, self._pairs.free_fraction(start.vertices, end.vertices, apart))
-
-    def _free_of_walls(self, start: Placed, end: Placed, apart: float) -> float:
+        triangles = self._pairs if self._itself is None else self._itself[1]
+        share = triangles.free_fraction(start.vertices, end.vertices, apart)
         if self._walls is None:
-            return 1.0
-        return self._walls.free_fraction(start.distances, end.distances, apart)
+            return share
+        return min(share, self._walls.free_fraction(start.distances, end.distances, apart))
 
     def passes(self, start: Placed, end: Placed) -> bool:
         """Return whether nothing touches on the straight way from ``start``, nor at its end."""
-        self._pairs.forget()
-        if self._repulsion is not None:
-            self._repulsion.forget()
-            if self._repulsion.is_clear(start.faces, end.faces):
-                return self._free_of_walls(start, end, self.distance) >= 1.0
-        clear = self.free_fraction(start, end, self.distance) >= 1.0
-        return clear and (self._repulsion is None or self.gap(end) == np.inf)
+        self._forget(np.inf)
+        return self.free_fraction(start, end, self.distance) >= 1.0 and self.gap(end) == np.inf
 
     def crosses(self, placed: Placed) -> bool:
         """Return whether any parts that can collide cross each other."""
@@ -224,9 +245,15 @@ class Potential:
 
     def begin(self, start: Placed) -> None:
         """Let a way from these places depend on nothing that was before, see ``Barrier``."""
+        self._forget(self._gap_of_triangles(start))
+
+    def _forget(self, gap: float) -> None:
+        """Drop what was found; points are to resolve a gap from now on."""
         self._pairs.forget()
-        if self._repulsion is not None:
-            self._repulsion.forget(self._pairs.gap(start.vertices))
+        if self._itself is not None:
+            points, patches = self._itself
+            patches.forget()
+            points.forget(gap)
 
 
 def _reflections(reference: Floats, mirrors: Sequence[int]) -> list[tuple[Floats, Integers]]:

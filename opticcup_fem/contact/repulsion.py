@@ -17,16 +17,26 @@ smaller ones where gaps are narrow; they are laid out anew with ``forget``, and 
 
 from __future__ import annotations
 
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 
+from opticcup_fem.contact.blocks import SIDE, Blocks
 from opticcup_fem.contact.law import repulsion, rise
-from opticcup_fem.contact.parts import NearParts, Parts, cut_to
-from opticcup_fem.contact.patches import BULGE, balls_near, distances
+from opticcup_fem.contact.pairs import BULGE, near_balls, near_points, stiffness, within
+from opticcup_fem.contact.patches import Patches, farthest
 from opticcup_fem.contact.surface import ContactSurface, longest_edges
-from opticcup_fem.snapshot import Floats, Integers, lagrange_gradient
+from opticcup_fem.snapshot import (
+    Floats,
+    Integers,
+    lagrange_basis,
+    lagrange_gradient,
+    lattice,
+    midpoints,
+)
 
 SPACING = 1.0
 """Size of the triangles that points stand for, over d_hat."""
@@ -39,21 +49,6 @@ FINE = 0.4
 
 ROOM = 0.1
 """How far points may move, over d_hat, before those that are near are looked for again."""
-
-FAR = 0.35
-"""How far they may move before it is looked anew for those that can come near at all."""
-
-COARSE = 3.0
-"""Radius of the parts that are looked for, over the size of the triangles that points stand for."""
-
-MANY = 20_000
-"""Pairs of parts with which a quick look ends."""
-
-AHEAD = 4.0
-"""Room, over the length of a way, that a quick look looks for beside it."""
-
-MOST_AHEAD = 2.0
-"""The most of it, over d_hat: more takes longer to look for than it saves."""
 
 RAMP = 1.0
 """Range of reference distances, over the thickness, in which c grows from 0 to 1."""
@@ -80,6 +75,10 @@ class _Points(NamedTuple):
     rest: Floats
     area: Floats
 
+    def of(self, some: NDArray[np.bool_]) -> _Points:
+        """Return some of them."""
+        return _Points(self.map[some], self.cell[some], self.rest[some], self.area[some])
+
 
 class _Near(NamedTuple):
     """Points that are near each other, and their pairs.
@@ -87,7 +86,8 @@ class _Near(NamedTuple):
     Attributes:
         faces: Faces for which it was made.
         points: Points that have others near.
-        pairs: Points of each pair, shape (n_pairs, 2).
+        pairs: Points of each pair, those of the same two cells one after the other, shape
+            (n_pairs, 2).
         weights: c times the areas of both points, shape (n_pairs,).
     """
 
@@ -101,7 +101,7 @@ class _Touching(NamedTuple):
     """Pairs nearer than d_hat at some places of the faces.
 
     Attributes:
-        pairs: Their points, shape (n, 2).
+        pairs: Their points, those of the same two cells one after the other, shape (n, 2).
         apart: Difference of these points' places, over d_hat, shape (n, 3).
         square: Its square, shape (n,).
         weights: Weights, shape (n,).
@@ -128,6 +128,7 @@ class Repulsion:
         reference: Floats,
         cells: Integers,
         surface: ContactSurface,
+        patches: Patches,
         thickness: float,
         distance: float,
         stiffness: float,
@@ -138,24 +139,24 @@ class Repulsion:
             reference: Reference positions of the sites, shape (n_sites, 3).
             cells: Sites of the cubic cells, shape (m, 10).
             surface: Surface of these cells.
+            patches: Its patches.
             thickness: Thickness of the shell.
             distance: d_hat.
             stiffness: k.
         """
         self.distance, self.stiffness = distance, stiffness
-        self._reference = reference
+        self._reference, self._cells = reference, cells
         self._exempt, self._ramp = surface.exempt, RAMP * thickness
-        self._search = NearParts(reference, cells, surface)
-        slopes = lagrange_gradient(self._search.corners.mean(axis=1))
+        self._patches, self._map = patches, surface.map
+        self._parts = surface.parts
+        slopes = lagrange_gradient(_corners(self._parts).mean(axis=1))
         base = np.einsum("tja,cji->ctai", slopes, reference[cells]).reshape(-1, 2, 3)
         area = np.linalg.norm(np.cross(base[:, 0], base[:, 1]), axis=1)
-        self._area = area / (2 * len(self._search.corners))
+        self._area = area / (2 * self._parts**2)
         self._size = SPACING * distance
         self._levels: Integers | None = None
-        self._around: tuple[Floats, _Points] | None = None
         self._near: _Near | None = None
         self._touching: tuple[Floats, _Touching] | None = None
-        self._clear: tuple[Floats, float] | None = None
 
     def forget(self, gap: float = np.inf) -> None:
         """Lay the points out anew at the next places: what begins here repeats.
@@ -164,72 +165,71 @@ class Repulsion:
             gap: Gap that is to be resolved.
         """
         self._size = (SPACING if gap > NARROW * self.distance else FINE) * self.distance
-        self._levels = self._around = self._near = self._touching = None
+        self._levels = self._near = self._touching = None
 
     # --- which points are near ----------------------------------------------------------------
 
     def _list(self, faces: Floats) -> _Near:
         """Return the points that are near each other at places of the faces."""
-        points, reach = self._points_near(faces), (1 + 2 * ROOM) * self.distance
+        patches, reach = self._patches, (1 + 2 * ROOM) * self.distance
+        vertices = np.concatenate([self._map @ face for face in faces])
+        balls = patches.balls(vertices)
+        near = near_balls(patches.near(vertices, reach=reach), balls, reach)
+        if self._levels is None:
+            self._levels = self._cuts(vertices)
+        points, first = self._points(near)
         x = points.map @ faces.reshape(-1, 3)
-        side = points.cell // len(self._search.cells)
-        pairs = balls_near(x, np.zeros(len(x)), reach, side)
-        beyond = (distances(points.rest, pairs) - self._exempt) / self._ramp
-        weights = rise(np.asarray(beyond, dtype=np.float64)) * points.area[pairs].prod(axis=1)
-        return _Near(faces.copy(), points, pairs[weights > 0], weights[weights > 0])
+        pairs = near_points(near, first, x, points.rest, balls, reach, self._exempt)
+        used = np.zeros(len(points.cell), dtype=bool)
+        used[pairs] = True
+        points, pairs = points.of(used), (np.cumsum(used) - 1)[pairs]
+        beyond = (_apart(points.rest, pairs) - self._exempt) / self._ramp
+        weights = (
+            rise(np.asarray(beyond, dtype=np.float64))
+            * points.area[pairs[:, 0]]
+            * points.area[pairs[:, 1]]
+        )
+        return _Near(faces.copy(), points, pairs, weights)
 
-    def _points_near(self, faces: Floats) -> _Points:
-        """Return points to which others are near, or come near before they move far."""
-        if self._around is None or _farthest(faces, self._around[0]) > FAR / BULGE * self.distance:
-            if self._levels is None:
-                self._levels = self._cuts(faces)
-            reach, size = (1 + 2 * (ROOM + FAR)) * self.distance, COARSE * self._size
-            parts, _ = self._search.near([faces], reach, size)
-            level = self._levels[parts.patch % self._search.patches.count]
-            self._around = faces.copy(), self._points(cut_to(level, parts))
-        return self._around[1]
-
-    def _cuts(self, faces: Floats) -> Integers:
+    def _cuts(self, vertices: Floats) -> Integers:
         """Return into how many parts the edges of patches are cut for points, shape (count,)."""
-        patches = self._search.patches
-        sides = (face[patches.triangles] for face in np.split(patches.vertices(faces), 2))
-        longest = np.maximum(*(longest_edges(corners) for corners in sides))
+        longest = longest_edges(vertices[self._patches.triangles]).reshape(2, -1).max(axis=0)
         cuts: Integers = np.ceil(longest / self._size).astype(int)
         return cuts
 
-    def is_clear(self, start: Floats, end: Floats) -> bool:
-        """Return True if nothing comes near on the straight way between places: a quick look.
+    def _points(self, pairs: Integers) -> tuple[_Points, Integers]:
+        """Return the points of all patches in pairs.
 
-        Where nothing does by far it is not looked again until something may have moved as far.
+        Returns:
+            The points, and the number of the first one of each patch, shape (2 count + 1,).
         """
-        if self._clear is not None:
-            seen, room = self._clear
-            if 2 * max(_farthest(start, seen), _farthest(end, seen)) < room:
-                return True
-        room = AHEAD * _farthest(start, end)
-        for more in (room, 0.0) if room < MOST_AHEAD * self.distance else (0.0,):
-            reach = self.distance + more
-            _, pairs = self._search.near([start, end], reach, self.distance / 2, MANY)
-            if len(pairs) == 0:
-                self._clear = end.copy(), more
-                return True
-        return False
-
-    def _points(self, parts: Parts) -> _Points:
-        """Return the points that stand for parts."""
-        basis, sites = self._search.interpolation(parts)
-        side, patch = np.divmod(parts.patch, self._search.patches.count)
-        rest = np.einsum("qj,qji->qi", basis, self._reference[sites])
-        n_sites = len(self._reference)
-        where = ((sites + side[:, None] * n_sites).ravel(), 10 * np.arange(len(side) + 1))
-        matrix = sparse.csr_array((basis.ravel(), *where), shape=(len(side), 2 * n_sites))
-        cell = parts.patch // len(self._search.corners)
-        return _Points(matrix, cell, rest, self._area[patch] / parts.n**2)
+        count, n_sites = self._patches.count, len(self._reference)
+        wanted = np.zeros(2 * count, dtype=bool)
+        wanted[pairs] = True
+        assert self._levels is not None
+        level = np.tile(self._levels, 2) * wanted
+        first = np.concatenate([[0], np.cumsum(level**2)])
+        patch = np.repeat(np.arange(2 * count), level**2)
+        number, n = np.arange(len(patch)) - first[patch], level[patch]
+        side, of_face = np.divmod(patch, count)
+        cell, kind = np.divmod(of_face, self._parts**2)
+        basis = np.empty((len(patch), 10))
+        for k in np.unique(n):
+            some = n == k
+            table = _basis(self._parts, int(k))
+            basis[some] = table[kind[some], number[some]]
+        sites = self._cells[cell]
+        both = (sites + side[:, None] * n_sites).ravel()
+        ends = 10 * np.arange(len(patch) + 1)
+        matrix = sparse.csr_array((basis.ravel(), both, ends), shape=(len(patch), 2 * n_sites))
+        rest = matrix @ np.tile(self._reference, (2, 1))
+        cell += side * len(self._cells)
+        return _Points(matrix, cell, rest, self._area[of_face] / n**2), first
 
     def _listed(self, faces: Floats) -> _Near:
         """Return the list of near points, made afresh where it does not hold."""
         if self._near is not None:
-            moved = _farthest(faces, self._near.faces)
+            moved = farthest(faces, self._near.faces)
             if moved > ROOM / BULGE * self.distance:
                 self._near = None
         if self._near is None:
@@ -240,12 +240,11 @@ class Repulsion:
         """Return the pairs nearer than d_hat."""
         if self._touching is None or self._touching[0] is not faces:
             near = self._listed(faces)
-            x = near.points.map @ faces.reshape(-1, 3) / self.distance
-            apart = x[near.pairs[:, 0]] - x[near.pairs[:, 1]]
+            x = near.points.map @ (faces.reshape(-1, 3) / self.distance)
+            which, apart = within(near.pairs, x, 1.0)
             square = np.einsum("pi,pi->p", apart, apart)
-            within = square < 1
-            parts = (near.pairs[within], apart[within], square[within], near.weights[within])
-            self._touching = faces, _Touching(*parts)
+            touching = _Touching(near.pairs[which], apart, square, near.weights[which])
+            self._touching = faces, touching
         return self._touching[1]
 
     # --- the potential ------------------------------------------------------------------------
@@ -278,8 +277,8 @@ class Repulsion:
         value: Floats = (self._listed(faces).points.map.T @ self._pushes(faces)).reshape(2, -1, 3)
         return value
 
-    def hessian(self, faces: Floats, convex: bool = False) -> sparse.csr_array | None:
-        """Return d2E_s/dx2, shape (6 n_sites, 6 n_sites), None without touch.
+    def hessian(self, faces: Floats, convex: bool = False) -> Blocks | None:
+        """Return d2E_s/dx2 between cells, counted over both faces; None without touch.
 
         Args:
             faces: Places of the faces.
@@ -299,59 +298,33 @@ class Repulsion:
             direction /= np.linalg.norm(direction, axis=1, keepdims=True) + np.finfo(float).tiny
             part = np.einsum("pi,pi->p", direction, touching.apart)
             along, across = np.maximum(along * part**2 + across, 0.0), np.zeros_like(across)
-        stiffness = np.stack(
+        values = np.stack(
             [along * direction[:, a] * direction[:, b] + (a == b) * across for a, b in SYMMETRIC],
             axis=1,
         )
-        return self._between_cells(near.points, touching.pairs, stiffness)
-
-    def _between_cells(
-        self, points: _Points, pairs: Integers, stiffness: Floats
-    ) -> sparse.csr_array:
-        """Return the matrix of the sum of (x_i - x_j) . s (x_i - x_j) over pairs of points.
-
-        Args:
-            points: The points x.
-            pairs: Pairs (i, j), shape (n, 2).
-            stiffness: Components ``SYMMETRIC`` of s, shape (n, 6).
-
-        Returns:
-            In the faces at the sites, shape (6 n_sites, 6 n_sites).
-        """
-        touched, inverse = np.unique(pairs, return_inverse=True)
-        i, j = inverse.reshape(-1, 2).T
-        n, cell = len(touched), points.cell[touched]
-        basis = points.map.data.reshape(-1, 10)[touched]
-        # what points do to themselves, and to one another: cells in which they are, and values
-        own = np.stack([np.bincount(i, s, n) + np.bincount(j, s, n) for s in stiffness.T], axis=1)
-        every = np.arange(n)
-        itself = _blocks(every, every, own, basis, cell)
-        other = _blocks(i, j, -stiffness, basis, cell)
-        turned = (other[1], other[0], np.swapaxes(other[2], 1, 3))
-        data, row, column = [], [], []
-        for first, second, blocks in (itself, other, turned):
-            whole = blocks[:, :, SYMMETRIC_OF]  # (n, 10, 3, 3, 10)
-            rows, columns = (
-                3 * self._sites_of(one)[..., None] + np.arange(3) for one in (first, second)
-            )
-            shape = whole.shape
-            row.append(np.broadcast_to(rows[:, :, :, None, None], shape).ravel())
-            column.append(np.broadcast_to(np.swapaxes(columns, 1, 2)[:, None, None], shape).ravel())
-            data.append(whole.ravel())
-        size = 6 * len(self._reference)
-        where = (np.concatenate(row), np.concatenate(column))
-        return sparse.csr_array((np.concatenate(data), where), shape=(size, size))
-
-    def _sites_of(self, cell: Integers) -> Integers:
-        """Return the sites of cells, both counted over both faces, shape (n, 10)."""
-        side, number = np.divmod(cell, len(self._search.cells))
-        sites: Integers = self._search.cells[number] + side[:, None] * len(self._reference)
-        return sites
+        return _between_cells(near.points, touching.pairs, values)
 
 
-def _farthest(one: Floats, other: Floats) -> float:
-    """Return by how much places differ at most."""
-    return float(np.linalg.norm(one - other, axis=-1).max())
+@cache
+def _corners(parts: int) -> Floats:
+    """Return the corners of the patches of a cell in it, shape (parts^2, 3, 2)."""
+    points, triangles = lattice(parts)
+    corners: Floats = points[triangles] / parts
+    return corners
+
+
+@cache
+def _basis(parts: int, n: int) -> Floats:
+    """Return the basis of a cell at the points of its patches, shape (parts^2, n^2, 10).
+
+    Args:
+        parts: Parts of a cell's edge.
+        n: Parts of a patch's edge.
+    """
+    middle, corners = midpoints(n), _corners(parts)
+    weights = np.column_stack([1 - middle.sum(axis=1), middle])
+    inside = np.einsum("qk,tka->tqa", weights, corners)
+    return lagrange_basis(inside.reshape(-1, 2)).reshape(len(corners), -1, 10)
 
 
 def _difference(values: Floats, pairs: Integers, n: int) -> Floats:
@@ -361,39 +334,38 @@ def _difference(values: Floats, pairs: Integers, n: int) -> Floats:
     return np.stack(parts, axis=1)
 
 
-def _blocks(
-    i: Integers, j: Integers, values: Floats, basis: Floats, cell: Integers
-) -> tuple[Integers, Integers, Floats]:
-    """Return sums over pairs of points (i, j) of basis_i x values x basis_j, by pairs of cells.
+def _apart(x: Floats, pairs: Integers) -> Floats:
+    """Return the distances of pairs of points x (n, 3), shape (n_pairs,)."""
+    square = np.zeros(len(pairs))
+    for component in x.T:  # by columns: pairs are many
+        square += (component[pairs[:, 0]] - component[pairs[:, 1]]) ** 2
+    apart: Floats = np.sqrt(square)
+    return apart
+
+
+def _between_cells(points: _Points, pairs: Integers, values: Floats) -> Blocks:
+    """Return the matrix of the sum of (x_i - x_j) . s (x_i - x_j) over pairs of points.
 
     Args:
-        i: First point of each pair, shape (n_pairs,).
-        j: Second point of each.
-        values: Shape (n_pairs, k).
-        basis: Basis of each point's cell there, shape (n_points, 10).
-        cell: The cell of each point, shape (n_points,).
-
-    Returns:
-        First cells, second cells, and the sums, shape (n, 10, k, 10).
+        points: The points x.
+        pairs: Pairs (i, j), those of the same two cells one after the other, shape (n, 2).
+        values: Components ``SYMMETRIC`` of s, shape (n, 6).
     """
-    # by cells and first point: first sums over second points, then over first ones
-    order = np.lexsort((i, cell[j], cell[i]))
-    i, j, values = i[order], j[order], values[order]
-    first, second = cell[i], cell[j]
-    new = np.ones(len(i), dtype=bool)
-    new[1:] = (first[1:] != first[:-1]) | (second[1:] != second[:-1])
-    newer = new.copy()
-    newer[1:] |= i[1:] != i[:-1]
-    starts, coarse = np.flatnonzero(newer), np.flatnonzero(new[newer])
-    ends, shape = np.append(starts, len(i)), (len(starts), len(basis))
-    along = np.stack(
-        [sparse.csr_array((v, j, ends), shape=shape) @ basis for v in values.T], axis=1
-    ).reshape(len(starts), -1)
-    ends, shape = np.append(coarse, len(starts)), (len(coarse), len(starts))
-    every = np.arange(len(starts))
-    sums = np.stack(
-        [sparse.csr_array((b, every, ends), shape=shape) @ along for b in basis[i[starts]].T],
-        axis=1,
-    )
-    pair = starts[coarse]
-    return first[pair], second[pair], sums.reshape(len(pair), 10, values.shape[1], 10)
+    between = points.cell[pairs]
+    new = np.ones(len(pairs), dtype=bool)
+    new[1:] = np.any(between[1:] != between[:-1], axis=1)
+    of_pair = np.cumsum(new) - 1
+    touched = np.zeros(len(points.cell), dtype=bool)
+    touched[pairs] = True
+    cells, number = np.unique(points.cell[touched], return_inverse=True)
+    of_point = np.full(len(points.cell), -1, dtype=np.int64)
+    of_point[touched] = new.sum() + number
+    first, second = (np.concatenate([c, cells]) for c in between[new].T)
+    basis = points.map.data.reshape(-1, 10)
+    blocks = stiffness(pairs, values, of_pair, basis, of_point, len(first))
+    # (n, 10, 3, 3, 10) with the two components of s apart
+    whole = np.swapaxes(blocks[:, :, SYMMETRIC_OF], 3, 4).reshape(-1, SIDE, SIDE)
+    # within a cell what points do to each other is to be given with its transposed
+    within_cell = (first == second) & (np.arange(len(first)) < new.sum())
+    whole[within_cell] += np.swapaxes(whole[within_cell], 1, 2)
+    return Blocks(first, second, whole)

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Sequence
-from functools import reduce
+from functools import cached_property, reduce
 
 import ipctk
 import numpy as np
@@ -32,9 +32,11 @@ class ContactSurface:
         n_face: Vertices of one face.
         exempt: Parts nearer than this, and the sizes of their triangles, never collide.
         closed: Whether the shell lies between its two faces everywhere.
+        parts: Parts of each cell's edge.
         map: P, shape (n_face, n_sites).
+        face_triangles: Triangles of one face, cell by cell, winding as the outside demands, shape
+            (m parts^2, 3).
         triangles: Triangles of all, shape (n_triangles, 3).
-        mesh: IPC Toolkit's mesh.
     """
 
     def __init__(
@@ -62,43 +64,44 @@ class ContactSurface:
             nodes: Node that each site is at, shape (n_sites,); the faces pass through the middle
                 of the sites at a node.  If None every site is a node.
         """
-        self.n_sites, self.exempt = len(reference), exempt
-        self._nodes = np.arange(self.n_sites) if nodes is None else nodes
-        self._cells, self._orientation = cells, orientation
-        self.map, triangles = self.cut(parts)
+        self.n_sites, self.exempt, self.parts = len(reference), exempt, parts
+        nodes = np.arange(self.n_sites) if nodes is None else nodes
+        cut = subdivide(
+            nodes[cells], parts, orientation=orientation, n_nodes=int(nodes.max(initial=-1)) + 1
+        )
+        self.map = sparse.csr_array(cut.matrix @ node_means(nodes))
+        self.face_triangles: NDArray[np.int32] = cut.triangles
         self.n_face = n = self.map.shape[0]
         self.obstacles = tuple(obstacles)
         self._rigid: ObstacleMesh = joined(self.obstacles, 0.0)
-        outer = triangles + n
-        inner = triangles[:, ::-1]
+        outer = self.face_triangles + n
+        inner = self.face_triangles[:, ::-1]
         rigid = self._rigid.triangles + 2 * n
         self.triangles: NDArray[np.int32] = np.concatenate([inner, outer, rigid]).astype(np.int32)
-        self._rest = rest = self.map @ reference
-        self.mesh = _collision_mesh(
-            np.concatenate([rest, rest, _shrunk(self._rigid, rest, triangles)]), self.triangles
-        )
-        self.closed = _is_closed(triangles) if closed is None else closed
-        self.mesh.can_collide = self._filter(rest, triangles, exempt)
+        self._rest: Floats = self.map @ reference
+        self.closed = _is_closed(self.face_triangles) if closed is None else closed
+
+    @cached_property
+    def mesh(self) -> ipctk.CollisionMesh:
+        """IPC Toolkit's mesh."""
+        rest, faces = self._rest, np.asfortranarray(self.triangles)
+        places = np.concatenate([rest, rest, _shrunk(self._rigid, rest, self.face_triangles)])
+        mesh = ipctk.CollisionMesh(np.asfortranarray(places), ipctk.edges(faces), faces)
+        mesh.init_adjacencies()
+        mesh.can_collide = self._filter(rest, self.face_triangles, self.exempt)
+        return mesh
+
+    @cached_property
+    def _pull(self) -> sparse.csr_array:
+        """Map from the faces at the sites to all vertices, shape (3 n_vertices, 6 n_sites)."""
         faces = sparse.block_diag([self.map, self.map], format="csr")
         held = sparse.csr_array((len(self._rigid.vertices), 2 * self.n_sites))
         both = sparse.vstack([faces, held])
-        self._pull = sparse.csr_array(sparse.kron(both, sparse.eye_array(3)))
-        self._pull_back = sparse.csr_array(self._pull.T)
+        return sparse.csr_array(sparse.kron(both, sparse.eye_array(3)))
 
-    def cut(self, parts: int) -> tuple[sparse.csr_array, NDArray[np.int32]]:
-        """Return one face as flat triangles.
-
-        Args:
-            parts: Parts of each cell's edge.
-
-        Returns:
-            The map P from the sites to the vertices, and the triangles, cell by cell, shape
-            (m parts^2, 3), winding as the outside demands.
-        """
-        nodes = self._nodes
-        n_nodes = int(nodes.max()) + 1
-        cut = subdivide(nodes[self._cells], parts, orientation=self._orientation, n_nodes=n_nodes)
-        return sparse.csr_array(cut.matrix @ node_means(nodes)), cut.triangles
+    @cached_property
+    def _pull_back(self) -> sparse.csr_array:
+        return sparse.csr_array(self._pull.T)
 
     def _filter(
         self,
@@ -178,13 +181,6 @@ def _is_closed(triangles: NDArray[np.int32]) -> bool:
     """Return whether every edge is that of two triangles."""
     edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     return bool((np.unique(edges, axis=0, return_counts=True)[1] == 2).all())
-
-
-def _collision_mesh(rest: Floats, triangles: NDArray[np.int32]) -> ipctk.CollisionMesh:
-    faces = np.asfortranarray(triangles)
-    mesh = ipctk.CollisionMesh(np.asfortranarray(rest), ipctk.edges(faces), faces)
-    mesh.init_adjacencies()
-    return mesh
 
 
 def _shrunk(rigid: ObstacleMesh, rest: Floats, triangles: NDArray[np.int32]) -> Floats:

@@ -13,10 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from opticcup_fem.contact.blocks import SIDE, Blocks
 from opticcup_fem.contact.model import Contact
 from opticcup_fem.equilibrium.unknowns import Unknowns
 from opticcup_fem.shell.condensation import CondensedCells
 from opticcup_fem.shell.model import Shell, ShellState
+from opticcup_fem.snapshot import Integers
 
 Array = NDArray[np.float64]
 
@@ -90,22 +92,24 @@ class Problem:
         self.matrix = PETSc.Mat().createAIJ((sizes, sizes), comm=self.comm)
         self.matrix.setLGMap(unknowns.map, unknowns.map)
         self.matrix.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
-        self._far: sparse.csr_array | None = None
+        # pairs of cells in contact that the pattern has room for, as one number each
+        self._far: Integers | None = None
         self._has_old_contacts = False
         self._preallocate()
         if self.symmetric:
             self.matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
             self.matrix.setOption(PETSc.Mat.Option.SYMMETRY_ETERNAL, True)
         if self.contact is not None:
-            everywhere = self.contact.gather.everywhere
+            gather = self.contact.gather
+            nodes = self.comm.bcast(gather.cells)
             numbers, _ = unknowns.split(np.where(unknowns.idle, -1, unknowns.numbers))
-            self._unknown_of_node = everywhere(numbers).ravel()
+            self._unknowns_of = gather.everywhere(numbers)[nodes].reshape(-1, SIDE)
             if unknowns.sign is not None:
                 signs, _ = unknowns.split(unknowns.sign)
-                self._sign_of_node = sparse.diags_array(everywhere(signs).ravel())
+                self._sign_of = gather.everywhere(signs)[nodes].reshape(-1, SIDE)
 
     def _preallocate(self) -> None:
-        """Reserve the pattern of cells and contacts, and the diagonal of the held unknowns."""
+        """Reserve the pattern of cells, and the diagonal of the held unknowns."""
         preallocator = PETSc.Mat().create(comm=self.comm)
         preallocator.setType(PETSc.Mat.Type.PREALLOCATOR)
         sizes = (self.unknowns.owned, None)
@@ -116,10 +120,38 @@ class Problem:
         self.insert(preallocator, np.zeros((n_cells, n_u, n_u)))
         for i in range(*self.unknowns.range):
             preallocator.setValue(i, i, 0.0, addv=PETSc.InsertMode.ADD_VALUES)
-        if self._far is not None:
-            self._insert_far(preallocator, self._far)
         preallocator.assemble()
         preallocator.preallocatorPreallocate(self.matrix)
+
+    @cached_property
+    def _pattern_of_cells(self) -> sparse.csr_array:
+        """Pattern of the owned rows without contact."""
+        ends, columns, _ = self.matrix.getValuesCSR()
+        shape = (self.unknowns.owned, self.matrix.size[1])
+        return sparse.csr_array((np.ones(len(columns), np.float32), columns, ends), shape=shape)
+
+    @cached_property
+    def _places_of_cells(self) -> sparse.csr_array:
+        """Ones where unknowns are those of the nodes of cells, (n_cells of all ranks, n_u)."""
+        cell, at = np.nonzero(self._unknowns_of >= 0)
+        entries = np.ones(len(cell), np.float32), (cell, self._unknowns_of[cell, at])
+        return sparse.csr_array(entries, shape=(len(self._unknowns_of), self.matrix.size[1]))
+
+    def _reserve(self, far: Integers | None) -> None:
+        """Reserve the pattern of cells and of pairs of cells in contact, if any."""
+        pattern = self._pattern_of_cells
+        if far is not None:
+            every = self._places_of_cells
+            owned = every[:, slice(*self.unknowns.range)]
+            n = len(self._unknowns_of)
+            first, second = np.divmod(far, n)
+            entries = np.ones(2 * len(far), np.float32)
+            where = (np.concatenate([first, second]), np.concatenate([second, first]))
+            pairs = sparse.csr_array((entries, where), shape=(n, n))
+            pattern = pattern + sparse.csr_array(owned.T) @ (pairs @ every)
+            pattern.sort_indices()
+        kinds = (array.astype(PETSc.IntType) for array in (pattern.indptr, pattern.indices))
+        self.matrix.setPreallocationCSR(tuple(kinds))
 
     def insert(self, matrix: PETSc.Mat, cells: Array) -> None:
         """Add cell matrices (n_cells, n_u, n_u); rows and columns of idle unknowns are left out."""
@@ -251,7 +283,7 @@ class Problem:
         part = self.unknowns.symmetric_part(*self.unknowns.split(every))
         return self.largest(np.abs(every - self.unknowns.to_local(part)))
 
-    def contact_stiffness(self, state: ShellState, convex: bool = False) -> sparse.csr_array | None:
+    def contact_stiffness(self, state: ShellState, convex: bool = False) -> Blocks | None:
         """Return the Hessian of contact for ``assemble_tangent`` (collective).
 
         Args:
@@ -279,32 +311,28 @@ class Problem:
         contact = self._awake()
         return contact is None or contact.free_fraction(before, after) >= 1.0
 
-    def _insert_far(self, matrix: PETSc.Mat, far: sparse.csr_array) -> None:
-        """Add a matrix over all nodes' coordinates; idle unknowns receive nothing."""
-        if self.unknowns.sign is not None:
-            far = sparse.csr_array(self._sign_of_node @ far @ self._sign_of_node)
-        index_map = self.shell.spaces.position.dofmap.index_map
-        first, last = (3 * end for end in index_map.local_range)
-        rows = far[first:last]
-        matrix.setValuesIJV(
-            rows.indptr.astype(np.int32),
-            self._unknown_of_node[rows.indices],
-            rows.data,
-            addv=PETSc.InsertMode.ADD_VALUES,
-            rowmap=self._unknown_of_node[first:last],
-        )
+    def _insert_far(self, matrix: PETSc.Mat, far: Blocks) -> None:
+        """Add blocks between cells, which rank 0 has; idle unknowns receive nothing."""
+        for blocks in (far, far.mirrored()):
+            values = np.ascontiguousarray(blocks.values)
+            if self.unknowns.sign is not None:
+                values = values * self._sign_of[blocks.first][:, :, None]
+                values *= self._sign_of[blocks.second][:, None]
+            rows, columns = (
+                self._unknowns_of[cells].astype(np.int32) for cells in (blocks.first, blocks.second)
+            )
+            matrix.setValuesRCV(rows, columns, values, addv=PETSc.InsertMode.ADD_VALUES)
 
-    def _make_room(self, far: sparse.csr_array) -> None:
+    def _make_room(self, far: Blocks) -> None:
         """Let the tangent's pattern hold the contacts; one that holds too many is made afresh."""
-        wanted = sparse.csr_array((np.ones(far.nnz), far.indices, far.indptr), shape=far.shape)
+        wanted = np.unique(far.first * len(self._unknowns_of) + far.second)
         if self._far is not None:
-            union = self._far + wanted
-            if union.nnz <= MOST_STALE * wanted.nnz:
-                if union.nnz == self._far.nnz:
-                    return
+            union = np.union1d(self._far, wanted)
+            if len(union) <= MOST_STALE * len(wanted):
                 wanted = union
-        self._far = wanted
-        self._renew_pattern()
+        if self.comm.bcast(self._far is None or len(wanted) != len(self._far)):
+            self._far = self.comm.bcast(wanted)
+            self._renew_pattern()
 
     def forget_contacts(self) -> None:
         """Let the tangent's pattern, and with it rounding, depend on contacts to come alone."""
@@ -313,7 +341,7 @@ class Problem:
 
     def _renew_pattern(self) -> None:
         self._has_old_contacts = False
-        self._preallocate()
+        self._reserve(self._far)
         # a new pattern needs a new factor, which needs its settings
         self.ksp.reset()
         self.ksp.setOperators(self.matrix)
@@ -321,7 +349,7 @@ class Problem:
 
     # --- tangent ------------------------------------------------------------------------------
 
-    def assemble_tangent(self, cells: CondensedCells, far: sparse.csr_array | None = None) -> None:
+    def assemble_tangent(self, cells: CondensedCells, far: Blocks | None = None) -> None:
         """Assemble H from the condensed cells, contact and medium (collective).
 
         Args:
@@ -336,9 +364,7 @@ class Problem:
         if self._springs is not None:
             self.add_diagonal(self._springs, 1.0)
 
-    def _assemble(
-        self, matrix: PETSc.Mat, cells: Array, far: sparse.csr_array | None = None
-    ) -> None:
+    def _assemble(self, matrix: PETSc.Mat, cells: Array, far: Blocks | None = None) -> None:
         matrix.zeroEntries()
         self.insert(matrix, cells)
         if far is not None:

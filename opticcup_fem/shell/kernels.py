@@ -7,52 +7,24 @@ special.  The loop around a kernel is ten lines of C, compiled once with cffi.
 
 from __future__ import annotations
 
-import fcntl
-import hashlib
-import importlib.util
-import os
-import platform
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
-from functools import cache
-from pathlib import Path
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from mpi4py import MPI
 
-import cffi
 import numpy as np
 import ufl
 from dolfinx import jit
 from numpy.typing import NDArray
 
-from opticcup_fem import compat
+from opticcup_fem import compat, compiled
 from opticcup_fem.shell.forms import Integral
 
 Array = NDArray[np.float64]
 
 
-def _processor_tag() -> str:
-    """Return a tag of this processor's features: code of -march=native may not run on another."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-        features = next(line for line in lines if line.startswith(("flags", "Features")))
-    except (OSError, StopIteration):
-        features = platform.processor()
-    return hashlib.sha1(features.encode()).hexdigest()[:8]
-
-
 JIT_OPTIONS: dict[str, Any] = {
-    # reordering sums lets the compiler vectorise the element loops: the second derivative of the
-    # curvature runs three times faster than with -O1 (measured); NaN must stay NaN
-    # the tag makes kernels of another kind of processor other kernels, where a cache is shared
-    "cffi_extra_compile_args": [
-        "-O3",
-        "-march=native",
-        "-ffast-math",
-        "-fno-finite-math-only",
-        f"-DPROCESSOR_{_processor_tag()}",
-    ],
+    "cffi_extra_compile_args": compiled.C_OPTIONS,
     "timeout": 600,
 }
 
@@ -78,28 +50,6 @@ void loop_over_entities(uintptr_t kernel, long n, double* A, long n_A, long per_
 """
 
 
-def cache_folder() -> Path:
-    """Return the folder of our compiled kernels, inside the one that dolfinx uses."""
-    return Path(jit.get_options(None)["cache_dir"]) / "opticcup"
-
-
-@contextmanager
-def _sole_compiler() -> Iterator[None]:
-    """Hold the cache for one process, and clear what a killed compilation left there.
-
-    FFCx waits for a source file without its ``.cached`` mark until a timeout.  While the lock is
-    held none of us compiles, so that such a file of one of our kernels can only be a leftover.
-    """
-    folder = cache_folder()
-    folder.mkdir(parents=True, exist_ok=True)
-    with open(folder / "opticcup.lock", "w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        for source in folder.glob("libffcx_forms_*.c"):
-            if not source.with_suffix(".c.cached").exists():
-                source.unlink(missing_ok=True)
-        yield
-
-
 def _root_first(comm: MPI.Comm, make: Callable[[], Any]) -> Any:
     """Call ``make`` on rank 0, which may fill the cache, then on the other ranks.
 
@@ -109,7 +59,7 @@ def _root_first(comm: MPI.Comm, make: Callable[[], Any]) -> Any:
     result, message = None, None
     if comm.rank == 0:
         try:
-            with _sole_compiler():
+            with compiled.sole_compiler():
                 result = make()
         except Exception as exc:  # all ranks must agree on the failure before one raises
             message = f"{type(exc).__name__}: {exc}"
@@ -119,27 +69,12 @@ def _root_first(comm: MPI.Comm, make: Callable[[], Any]) -> Any:
     return result if comm.rank == 0 else make()
 
 
-@cache
 def _entity_loop() -> tuple[Any, Any]:
     """Return (ffi, library) of the loop, compiling it where the cache lacks it."""
     source = LOOP_SOURCE
     for word, text in (("TYPE", ", void*"), ("VALUE", ", 0")):
         source = source.replace(f" EXTRA_{word}", text if compat.KERNEL_HAS_CUSTOM_DATA else "")
-    name = f"_opticcup_loop_{hashlib.sha1(source.encode()).hexdigest()[:12]}"
-    folder = cache_folder()
-    found = sorted(folder.glob(f"{name}*.so"))
-    if not found:
-        builder = cffi.FFI()
-        builder.cdef(LOOP_DECLARATION)
-        builder.set_source(name, source, extra_compile_args=["-O2"])
-        built = Path(builder.compile(tmpdir=str(folder / f"loop-{os.getpid()}")))
-        found = [folder / built.name]
-        os.replace(built, found[0])
-    spec = importlib.util.spec_from_file_location(name, found[0])
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module.ffi, module.lib
+    return compiled.c_library("loop", LOOP_DECLARATION, source)
 
 
 class Kernel:
@@ -157,11 +92,11 @@ class Kernel:
             coordinates: Corners of the rank's cells, shape (n_cells, n_corners, 3).
         """
         form = integral.form
-        options = {**JIT_OPTIONS, "cache_dir": str(cache_folder())}
+        options = {**JIT_OPTIONS, "cache_dir": str(compiled.cache_folder())}
 
         def compile_form() -> tuple[Any, Any, Any]:
-            compiled: tuple[Any, Any, Any] = jit.ffcx_jit(MPI.COMM_SELF, form, jit_options=options)
-            return compiled
+            found: tuple[Any, Any, Any] = jit.ffcx_jit(MPI.COMM_SELF, form, jit_options=options)
+            return found
 
         self._compiled, self._module, _ = _root_first(comm, compile_form)
         self._loop_ffi, self._loop = _root_first(comm, _entity_loop)

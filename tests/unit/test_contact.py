@@ -11,11 +11,13 @@ import numpy as np
 import pytest
 
 from opticcup_fem.contact.barrier import Barrier
+from opticcup_fem.contact.blocks import Blocks
 from opticcup_fem.contact.faces import ShellFaces
 from opticcup_fem.contact.obstacles import Box, Obstacle, Plate, Sphere, joined
 from opticcup_fem.contact.potential import exempt_distance
 from opticcup_fem.contact.surface import ContactSurface
 from opticcup_fem.snapshot import NODES, Snapshot, lagrange_gradient
+from tests.support.blocks import matrix_of
 from tests.support.shapes import deformed, revolved, sphere_mesh
 
 H = 0.05
@@ -142,31 +144,44 @@ def test_faces_lie_along_the_normal(sphere: Snapshot) -> None:
 
 
 def test_variations_of_the_faces_are_derivatives(sphere: Snapshot) -> None:
-    """Central differences of the faces and of forces times faces; only where they are asked for."""
+    """Central differences of the faces and of forces on them; stiffness works as on the faces."""
     rng = np.random.default_rng(5)
     state, faces = dimple(sphere, 0.01), shell_faces(sphere)
     r, n = state.position, sphere.cells.size
     heights = heights_of(sphere) * rng.uniform(0.5, 1.5, (*sphere.cells.shape, 1))
     direction = rng.normal(size=r.shape)
     top = sphere.reference[sphere.cells][:, :, 2].min(axis=1) > 0.7
-    moved = np.flatnonzero(np.repeat(top, 10))
-    step, variations = 1e-6, faces.at(r, heights, moved[::3])  # whole cells are taken
+    some, moved = np.flatnonzero(top), np.flatnonzero(np.repeat(top, 10))
+    step, variations = 1e-6, faces.at(r, heights, some)
     ahead, behind = (faces.places(r + s * step * direction, heights) for s in (1, -1))
     slope = (ahead - behind) / (2 * step)
-    first = (variations.first() @ direction.ravel()).reshape(2, n, 3)
-    np.testing.assert_allclose(first[:, moved], slope[:, moved], atol=1e-7)
-    assert np.all(np.delete(first, moved, axis=1) == 0)
+    for _ in range(3):
+        forces = np.zeros((2, n, 3))
+        forces[:, moved] = rng.normal(size=(2, len(moved), 3))
+        work = np.sum(variations.pulled_back_forces(forces) * direction)
+        assert work == pytest.approx(np.sum(forces * slope), rel=1e-7)
 
-    forces = np.zeros((2, n, 3))
-    forces[:, moved] = rng.normal(size=(2, len(moved), 3))
-    second = variations.second(forces)
+    second = matrix_of(variations.second(forces), sphere.cells)
     assert abs(second - second.T).max() < 1e-12 * abs(second).max()
     levers = [
-        faces.at(r + s * step * direction, heights, moved).first().T @ forces.ravel()
+        faces.at(r + s * step * direction, heights, some).pulled_back_forces(forces).ravel()
         for s in (1, -1)
     ]
     bend = (levers[0] - levers[1]) / (2 * step)
     assert np.abs(second @ direction.ravel() - bend).max() < 1e-6 * np.abs(bend).max()
+
+    # stiffness of cells with themselves, with others, and between the faces of one cell
+    m = len(sphere.cells)
+    first = np.array([some[0], m + some[1], some[2], some[3], some[4]])
+    other = np.array([some[0], m + some[1], some[5], m + some[6], m + some[4]])
+    values = rng.normal(size=(5, 30, 30))
+    values[:2] += np.swapaxes(values[:2], 1, 2)
+    stiffness = Blocks(first, other, values)
+    pulled = matrix_of(variations.pulled_back(stiffness), sphere.cells)
+    whole = matrix_of(stiffness, np.arange(2 * n).reshape(-1, 10))
+    assert abs(pulled - pulled.T).max() < 1e-12 * abs(pulled).max()
+    bent = direction.ravel() @ pulled @ direction.ravel()
+    assert bent == pytest.approx(slope.ravel() @ whole @ slope.ravel(), rel=1e-5)
 
 
 def test_faces_meet_in_the_middle_of_their_cells(sphere: Snapshot) -> None:

@@ -1,8 +1,8 @@
-"""Which parts of a shell's faces may touch.
+"""Which parts of a shell's faces may touch, and how far they may go.
 
-What matters: no parts that come near each other are missed, at a place or on a way between two;
-neighbours along the shell are left out; a quick look says that nothing is near only where that is
-so, whatever was seen before.
+What matters: no parts that come near each other are missed, at a place or on a way between two,
+whatever was seen before; neighbours along the shell are left out; gaps and free ways are those of
+the flat triangles, which the IPC Toolkit finds too.
 """
 
 import itertools
@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from opticcup_fem.contact.patches import Patches, balls_near, nearest
-from opticcup_fem.contact.repulsion import Repulsion
+from opticcup_fem.contact.barrier import Barrier
+from opticcup_fem.contact.patches import Patches
 from opticcup_fem.contact.surface import ContactSurface
 from opticcup_fem.snapshot import Floats, Integers, Snapshot
 from tests.support.shapes import sphere_mesh
-from tests.unit.test_contact import H, dimple, faces_of, surface_of
+from tests.unit.test_contact import dimple, faces_of, surface_of
 
 REACH = 0.05
 
@@ -28,24 +28,23 @@ def sphere() -> Snapshot:
 
 def patches_of(mesh: Snapshot, exempt: float = 0.1) -> tuple[Patches, ContactSurface]:
     surface = surface_of(mesh, exempt=exempt)
-    return Patches(mesh.reference, surface), surface
+    return Patches(mesh.reference, surface, 0.01), surface
 
 
 def vertices_of(surface: ContactSurface, state: Snapshot) -> Floats:
-    return surface.vertices(faces_of(state))
+    return np.ascontiguousarray(surface.vertices(faces_of(state)))
 
 
 def corners_near(patches: Patches, vertices: Floats, rest: Floats) -> Integers:
     """Pairs of patches of one face with corners nearer than the reach, from all pairs of these."""
-    count, found = len(patches.triangles), []
+    found = [np.empty((0, 2), dtype=np.int64)]
     for side, face in enumerate(np.split(vertices, 2)):
         pairs = cKDTree(face).query_pairs(REACH, output_type="ndarray")
         pairs = pairs[np.linalg.norm(rest[pairs[:, 0]] - rest[pairs[:, 1]], axis=1) > 0.5]
         for one, other in pairs:
-            at = [
-                np.flatnonzero((patches.triangles == vertex).any(axis=1)) for vertex in (one, other)
-            ]
-            found.append(np.stack(np.meshgrid(*at), axis=2).reshape(-1, 2) + side * count)
+            corners = (vertex + side * len(face) for vertex in (one, other))
+            at = [np.flatnonzero((patches.triangles == corner).any(axis=1)) for corner in corners]
+            found.append(np.stack(np.meshgrid(*at), axis=2).reshape(-1, 2))
     return np.unique(np.sort(np.concatenate(found), axis=1), axis=0)
 
 
@@ -85,38 +84,56 @@ def test_what_is_near_on_the_way_only(sphere: Snapshot) -> None:
     assert meets(patches.near(before, behind, reach=REACH))
 
 
-def test_nearest_on_straight_ways() -> None:
-    """Points that pass each other at right angles, that stay apart, and that part."""
-    start = np.array([[0.0, 0, 0], [1, -1, 0], [5, 0, 0], [5, 3, 0]])
-    end = np.array([[2.0, 0, 0], [1, 1, 0], [6, 0, 0], [6, 4, 0]])
-    pairs = np.array([[0, 1], [2, 3]])
-    np.testing.assert_allclose(nearest(np.stack([start, end]), pairs), [0, 3], atol=1e-12)
-    np.testing.assert_allclose(nearest(start[None], pairs), [np.sqrt(2), 3])
+def test_what_was_found_is_not_trusted_too_far(sphere: Snapshot) -> None:
+    """Patches that have seen other states find at least what fresh ones do."""
+    used, surface = patches_of(sphere)
+    for gap in (0.3, 0.06, 0.055, 0.052, 0.03, 0.028, 0.2):
+        vertices = vertices_of(surface, dimple(sphere, gap))
+        fresh, _ = patches_of(sphere)
+        found, expected = (
+            {tuple(sorted(pair)) for pair in one.near(vertices, reach=REACH).tolist()}
+            for one in (used, fresh)
+        )
+        near = {
+            tuple(pair) for pair in corners_near(used, vertices, surface.map @ sphere.reference)
+        }
+        assert near <= found and near <= expected
+    used.forget()
+    assert np.array_equal(used.near(vertices, reach=REACH), fresh.near(vertices, reach=REACH))
 
 
-def test_balls_of_any_size_are_found() -> None:
-    """Against all pairs, in groups."""
-    rng = np.random.default_rng(6)
-    x, radius, group = rng.random((300, 3)), 0.1 * rng.random(300) ** 3, rng.integers(0, 2, 300)
-    found = {tuple(sorted(pair)) for pair in balls_near(x, radius, 0.03, group).tolist()}
-    i, j = np.triu_indices(300, 1)
-    near = np.linalg.norm(x[i] - x[j], axis=1) < radius[i] + radius[j] + 0.03
-    expected = set(zip(*(one[near & (group[i] == group[j])].tolist() for one in (i, j))))
-    assert expected <= found
-    assert all(group[one] == group[other] for one, other in found)
+@pytest.mark.parametrize("parts", [3, 4])
+def test_gaps_are_those_of_the_triangles(sphere: Snapshot, parts: int) -> None:
+    """Against the toolkit's, where no fold is near itself; no more than asked for."""
+    surface = surface_of(sphere, parts, exempt=0.4)
+    patches, most = Patches(sphere.reference, surface, 0.01), 0.05
+    for gap in (0.01, 0.02, 0.04, 0.2):
+        vertices = surface.vertices(faces_of(dimple(sphere, gap)))
+        expected = min(most, Barrier(surface, most, 1.0).gap(vertices))
+        assert patches.gap(vertices, most) == pytest.approx(expected, rel=1e-9)
 
 
-def test_quick_look(sphere: Snapshot) -> None:
-    """Clear where nothing comes near; not on the way through; small steps are no less safe."""
-    surface = surface_of(sphere, exempt=0.27)
-
-    def fresh() -> Repulsion:
-        return Repulsion(sphere.reference, sphere.cells, surface, H, 0.01, 1.0)
-
-    used = fresh()
-    gaps = [0.8, 0.6, 0.599, 0.598, 0.5, 0.3, 0.299, 0.2, 0.1999, 0.1, 0.0999, 0.06, 0.005, 0.2]
-    states = [faces_of(dimple(sphere, gap)) for gap in gaps]
-    clear = [used.is_clear(*way) for way in itertools.pairwise(states)]
-    assert clear == [fresh().is_clear(*way) for way in itertools.pairwise(states)]
-    assert clear == [True] * 10 + [False] * 3
-    assert not fresh().is_clear(faces_of(dimple(sphere, 0.4)), faces_of(dimple(sphere, -0.4)))
+def test_free_ways_are_those_of_the_triangles(sphere: Snapshot) -> None:
+    """Up, down and askew, near and far: nothing crosses up to the share, and soon behind it."""
+    patches, surface = patches_of(sphere, exempt=0.4)
+    barrier = Barrier(surface, 0.02, 1.0)
+    gaps = (0.3, 0.15, 0.05, 0.045, 0.02, 0.018)
+    places = [surface.vertices(faces_of(dimple(sphere, gap))) for gap in gaps]
+    top = np.tile(sphere.reference[:, 2] > 0, 2)[:, None]
+    slid, through = (
+        surface.vertices(faces_of(dimple(sphere, 0.02))) + 0.1 * top,
+        surface.vertices(faces_of(dimple(sphere, -0.2))),
+    )
+    shares = []
+    for before, after in itertools.product(places, [*places, slid, through]):
+        for apart in (0.0, 0.005):
+            share = patches.free_fraction(before, after, apart)
+            for part in np.linspace(0, share, 4):
+                moved = np.asfortranarray(before + part * (after - before))
+                assert not barrier.crosses(moved)
+                assert patches.gap(moved, 0.02) >= apart * (1 - 1e-9)
+            if share < 1:
+                beyond = np.asfortranarray(before + 1.05 * share * (after - before))
+                assert barrier.crosses(beyond) or patches.gap(beyond, 0.02) < apart + 1e-3
+            shares.append(share)
+    assert min(shares) < 0.1 and max(shares) == 1.0

@@ -13,8 +13,10 @@ from scipy.integrate import quad
 
 from opticcup_fem.contact.barrier import Barrier
 from opticcup_fem.contact.law import barrier, repulsion
+from opticcup_fem.contact.patches import Patches
 from opticcup_fem.contact.repulsion import RAMP, Repulsion
 from opticcup_fem.snapshot import Floats, Snapshot
+from tests.support.blocks import matrix_of
 from tests.support.shapes import deformed, revolved, sphere_mesh
 from tests.unit.test_contact import FLAT, ROUND, H, dimple, faces_of, surface_of
 
@@ -29,7 +31,8 @@ def sphere() -> Snapshot:
 
 def repulsion_of(mesh: Snapshot, distance: float = D_HAT) -> Repulsion:
     surface = surface_of(mesh, exempt=EXEMPT)
-    return Repulsion(mesh.reference, mesh.cells, surface, H, distance, STIFFNESS)
+    patches = Patches(mesh.reference, surface, 0.35 * distance)
+    return Repulsion(mesh.reference, mesh.cells, surface, patches, H, distance, STIFFNESS)
 
 
 @pytest.mark.parametrize("law", [barrier, repulsion])
@@ -116,9 +119,11 @@ def test_gradient_and_hessian_are_derivatives(sphere: Snapshot) -> None:
     """Central differences along a random motion; the convex part has no negative eigenvalue."""
     potential, faces = repulsion_of(sphere), faces_of(dimple(sphere, GAP))
     direction = np.random.default_rng(1).normal(size=faces.shape)
-    gradient, hessian = potential.gradient(faces), potential.hessian(faces)
-    convex = potential.hessian(faces, convex=True)
-    assert gradient is not None and hessian is not None and convex is not None
+    gradient = potential.gradient(faces)
+    parts = potential.hessian(faces), potential.hessian(faces, convex=True)
+    assert gradient is not None and parts[0] is not None and parts[1] is not None
+    of_both = np.concatenate([sphere.cells, sphere.cells + len(sphere.reference)])
+    hessian, convex = (matrix_of(part, of_both) for part in parts)
     assert abs(hessian - hessian.T).max() < 1e-12 * abs(hessian).max()
     step = 1e-7
     up, down = faces + step * direction, faces - step * direction

@@ -7,8 +7,8 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 
+from opticcup_fem import compiled
 from opticcup_fem.mesh import strip_mesh
-from opticcup_fem.shell import kernels
 from opticcup_fem.shell.forms import ShellForms
 from opticcup_fem.shell.kernels import Kernel
 from opticcup_fem.shell.spaces import ShellSpaces
@@ -24,7 +24,7 @@ def test_leftover_of_a_killed_compilation_is_cleared(
     forms: ShellForms, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """FFCx would wait ten minutes for a source file that nobody compiles any more."""
-    monkeypatch.setattr(kernels, "cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(compiled, "cache_folder", lambda: tmp_path)
     spaces = forms.spaces
     data = {forms.stress: np.ones((spaces.n_cells, len(forms.quadrature_points), 6))}
     first = Kernel(spaces.mesh.comm, forms.integrals["Fk"], spaces.coordinates)(data)
