@@ -34,8 +34,7 @@ SAFE = 0.8
 """Share of the way to a collision that a step may go."""
 
 KEEP = 0.5
-"""Share of the gap that is kept when obstacles and faces are moved: a barrier that is nearly closed
-is hard to open again."""
+"""Share of the gap that one move keeps: a barrier that is nearly closed is hard to open again."""
 
 UP_TO_DATE = 0.02
 """Change of the heights, over the barrier's distance, that needs no further solve."""

@@ -18,6 +18,18 @@ static void subtract(const double* a, const double* b, double* out)
     out[i] = a[i] - b[i];
 }
 
+/* Twice the area of a triangle along its normal. */
+static void area_vector(const double* a, const double* b, const double* c, double* out)
+{
+  double ab[3], ac[3];
+  subtract(b, a, ab);
+  subtract(c, a, ac);
+  for (int i = 0; i < 3; ++i) {
+    const int one = (i + 1) % 3, other = (i + 2) % 3;
+    out[i] = ab[one] * ac[other] - ab[other] * ac[one];
+  }
+}
+
 /* --- pieces: balls that go straight, and cones of normals -------------------------------------- */
 
 enum { START = 0, END = 3, RADIUS = 6, AXIS = 7, COSINE = 10, SINE = 11, PIECE = 12 };
@@ -59,14 +71,11 @@ void normals(int64_t n_triangles, const int64_t* triangles, int64_t n_vertices, 
   memset(out, 0, 3 * n_vertices * sizeof *out);
   for (int64_t k = 0; k < n_triangles; ++k) {
     const int64_t* corners = triangles + 3 * k;
-    double ab[3], ac[3];
-    subtract(x + 3 * corners[1], x + 3 * corners[0], ab);
-    subtract(x + 3 * corners[2], x + 3 * corners[0], ac);
+    double normal[3];
+    area_vector(x + 3 * corners[0], x + 3 * corners[1], x + 3 * corners[2], normal);
     for (int j = 0; j < 3; ++j)
-      for (int i = 0; i < 3; ++i) {
-        const int one = (i + 1) % 3, other = (i + 2) % 3;
-        out[3 * corners[j] + i] += ab[one] * ac[other] - ab[other] * ac[one];
-      }
+      for (int i = 0; i < 3; ++i)
+        out[3 * corners[j] + i] += normal[i];
   }
   for (int64_t k = 0; k < n_vertices; ++k)
     unify(out + 3 * k);
@@ -354,6 +363,28 @@ static double beyond_along(const double* direction, const triangle_t a, const tr
   return first - last;
 }
 
+/* Whether the plane of a, or that of b, shows that they stay apart by a distance on straight ways:
+   how far b lies beyond a along a direction is concave there. */
+static int planes_part(const triangle_t a, const triangle_t b, const triangle_t a_last,
+                       const triangle_t b_last, double distance)
+{
+  double normal[3], way[3];
+  subtract(b[0], a[0], way);
+  for (int k = 0; k < 2; ++k) {
+    if (k == 0)
+      area_vector(a[0], a[1], a[2], normal);
+    else
+      area_vector(b[0], b[1], b[2], normal);
+    unify(normal);
+    if (dot(normal, way) < 0)
+      for (int i = 0; i < 3; ++i)
+        normal[i] = -normal[i];
+    if (beyond_along(normal, a, b) >= distance && beyond_along(normal, a_last, b_last) >= distance)
+      return 1;
+  }
+  return 0;
+}
+
 static void place(const int64_t* corners, const double* start, const double* end, double share,
                   triangle_t out)
 {
@@ -375,13 +406,14 @@ double least_distance(int64_t n_pairs, const int64_t* pairs, const int64_t* tria
       continue;
     place(triangles + 3 * pairs[2 * k], x, x, 0, a);
     place(triangles + 3 * pairs[2 * k + 1], x, x, 0, b);
-    least = fmin(least, distance(a, b, direction));
+    if (!planes_part(a, b, a, b, least))
+      least = fmin(least, distance(a, b, direction));
   }
   return least;
 }
 
 enum { MOST_ADVANCES = 100 };
-static const double LEAST_ADVANCE = 1e-3;
+static const double LEAST_ADVANCE = 1e-3, LEFT = 1e-3;
 
 double free_share(int64_t n_pairs, const int64_t* pairs, const int64_t* triangles,
                   const double* balls, const double* start, const double* end, double reach,
@@ -394,24 +426,29 @@ double free_share(int64_t n_pairs, const int64_t* pairs, const int64_t* triangle
       continue;
     const int64_t *one = triangles + 3 * pairs[2 * k], *other = triangles + 3 * pairs[2 * k + 1];
     triangle_t a, b, a_last, b_last;
-    double share = 0;
+    double share = 0, keep = apart;
     place(one, start, end, limit, a_last);
     place(other, start, end, limit, b_last);
+    place(one, start, end, share, a);
+    place(other, start, end, share, b);
+    if (planes_part(a, b, a_last, b_last, apart))
+      continue;
     for (int n = 0;; ++n) {
       double direction[3];
-      place(one, start, end, share, a);
-      place(other, start, end, share, b);
       const double now = distance(a, b, direction);
-      /* how far b lies beyond a along a direction is concave on a straight way */
       const double last = beyond_along(direction, a_last, b_last);
-      if (last >= apart && now >= apart)
+      if (n == 0) /* where they touch there is no direction */
+        keep += LEFT * fmax(now - apart, 0);
+      if (now >= keep && last >= keep)
         break;
-      const double advance = now > apart ? (limit - share) * (now - apart) / (now - last) : 0;
+      const double advance = now > keep ? (limit - share) * (now - keep) / (now - last) : 0;
       share += advance;
       if (advance < LEAST_ADVANCE * limit || n == MOST_ADVANCES) {
         limit = share;
         break;
       }
+      place(one, start, end, share, a);
+      place(other, start, end, share, b);
     }
     if (limit <= 0)
       return 0;

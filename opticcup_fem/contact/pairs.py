@@ -244,9 +244,9 @@ def free_share(
 ) -> float:
     """Return the share of a straight way on which pairs of triangles stay apart, 0 to 1.
 
-    It may be a thousandth less than there is.  Triangles advance as far as the plane across their
-    shortest distance allows, again and again (conservative advancement: B. Mirtich, Impulse-based
-    Dynamic Simulation of Rigid Body Systems, 1996).
+    It may be some thousandths less than there is.  Triangles advance as far as the plane across
+    their shortest distance allows, again and again (conservative advancement: B. Mirtich,
+    Impulse-based Dynamic Simulation of Rigid Body Systems, 1996).
 
     Args:
         pairs: Shape (n, 2).

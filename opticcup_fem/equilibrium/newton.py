@@ -46,6 +46,9 @@ of contact knows nothing of the pairs that a long step would meet."""
 MOST_RENEWALS = 30
 """Solves for one state while faces and obstacles are brought up to date."""
 
+NEARER = 1e-3
+"""Residual, unit mu_IOV R^2, below which contact data are brought up to date within a solve."""
+
 CONTACT_AHEAD = "CONTACT_AHEAD"
 """Reason of a solve that was not begun: contact stops the way to its first iterate too early."""
 
@@ -225,7 +228,7 @@ class MixedNewton:
             passed = contact.passes(before, solution.state)
             if passed is not None:
                 return replace(solution, state=passed)
-            spent = solution.iterations
+            spent, state = solution.iterations, solution.state
         state, share = contact.reachable(before, state)
         if share < least_way:
             return Solution(state, False, CONTACT_AHEAD, spent, np.nan)
@@ -248,7 +251,7 @@ class MixedNewton:
         self._resultants, self._lost = self.problem.shell.evaluate(state)
         self._norm = self._smallest = self._factorised_norm = self._best_norm = np.inf
         self._best: ShellState | None = None
-        self._best_iteration = 0
+        self._best_iteration, self._is_renewed = 0, False
         self._x.array[:] = self.problem.unknowns.owned_values(state.r, state.alpha)
         self._start = self._x.array.copy()
         self._snes.solve(None, self._x)
@@ -331,10 +334,21 @@ class MixedNewton:
             if (self._lost is None and free) or fraction < SMALLEST_FRACTION:
                 break
             fraction /= 2
-        self._state = trial
+        self._state = self._brought_up_to_date(trial)
         if fraction < 1.0:
             y.scale(fraction)
         return fraction < 1.0
+
+    def _brought_up_to_date(self, state: ShellState) -> ShellState:
+        """Return a state near the solution with contact data that are up to date (collective).
+
+        Done once on the way, this saves the solve that they would call for behind it.
+        """
+        contact = self.problem.contact
+        if contact is None or not self.problem.awake or self._is_renewed or self._norm > NEARER:
+            return state
+        self._is_renewed = True
+        return contact.renewed(state)[0]
 
     def _bound_in_touch(self, moves: Array) -> float:
         """Return the share of a step that is no longer than touching parts may go (collective)."""

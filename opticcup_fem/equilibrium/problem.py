@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from opticcup_fem.contact.blocks import SIDE, Blocks
-from opticcup_fem.contact.model import Contact
+from opticcup_fem.contact.model import KEEP, Contact
 from opticcup_fem.equilibrium.unknowns import Unknowns
 from opticcup_fem.shell.condensation import CondensedCells
 from opticcup_fem.shell.model import Shell, ShellState
@@ -300,11 +300,15 @@ class Problem:
         return self.contact.brought_up_to_date(state)
 
     def free_fraction(self, state: ShellState, dr: Array) -> float:
-        """Return the share of a move of the nodes that is safe, 0 to 1 (collective)."""
+        """Return the share of a move of the nodes that is safe, 0 to 1 (collective).
+
+        Gaps keep ``KEEP`` of what they are: a barrier that is nearly closed pushes so hard that
+        the next step is none.
+        """
         contact = self._awake()
         if contact is None:
             return 1.0
-        return contact.free_fraction(state, replace(state, r=state.r + dr))
+        return contact.free_fraction(state, replace(state, r=state.r + dr), KEEP)
 
     def is_free(self, before: ShellState, after: ShellState) -> bool:
         """Return whether the way between two states is free of collisions (collective)."""

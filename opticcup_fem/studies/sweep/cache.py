@@ -24,6 +24,7 @@ PACKAGE = Path(opticcup_fem.__file__).parent
 
 _SHARED = (
     "case",
+    "compiled.py",
     "events.py",
     "expressions.py",
     "scalar_fields.py",
@@ -90,14 +91,18 @@ class Task:
 
 @cache
 def code_version(model: str) -> str:
-    """Return a hash of the code that a model's results depend on; comments do not count."""
+    """Return a hash of the code that a model's results depend on; Python's comments do not."""
     digest = hashlib.sha256()
     for name in SOURCES[model]:
         place = PACKAGE / name
-        for path in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
-            tree = ast.parse(path.read_text(encoding="utf-8"))
+        for path in sorted(place.rglob("*")) if place.is_dir() else [place]:
+            if path.suffix not in (".c", ".py"):
+                continue
+            text = path.read_text(encoding="utf-8")
+            if path.suffix == ".py":
+                text = ast.dump(_without_docstrings(ast.parse(text)))
             digest.update(str(path.relative_to(PACKAGE)).encode())
-            digest.update(ast.dump(_without_docstrings(tree)).encode())
+            digest.update(text.encode())
     for package in ("fenics-dolfinx", "numpy", "scipy"):
         digest.update(importlib.metadata.version(package).encode())
     return digest.hexdigest()
