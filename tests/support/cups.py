@@ -32,6 +32,7 @@ BETWEEN_PLATES = coarse_case(
             {"kind": "plate", "centre": [0.0, 0.0, 1.145]},
         ],
     },
+    solver={"initial_step": 0.001, "max_step": 0.001},
     output={"times": [0.008]},
 )
 """Grows until it touches two plates, one of which moves; touches after its second state."""
