@@ -31,17 +31,21 @@ class Patches:
         count: Patches of one face.
         triangles: Vertices of all patches, shape (2 count, 3).
         room: How far vertices may move before patches that are near are looked for again.
+        reach: Patches this near are looked for, whoever asks.
     """
 
-    def __init__(self, reference: Floats, surface: ContactSurface, room: float) -> None:
+    def __init__(
+        self, reference: Floats, surface: ContactSurface, room: float, reach: float
+    ) -> None:
         """Take the triangles of a surface.
 
         Args:
             reference: Reference positions of the sites, shape (n_sites, 3).
             surface: The surface.
             room: See above.
+            reach: See above.
         """
-        self.room, self._exempt = room, surface.exempt
+        self.room, self.reach, self._exempt = room, reach, surface.exempt
         triangles = surface.face_triangles.astype(np.int64)
         self.count = len(triangles)
         self.triangles: Integers = np.concatenate([triangles, triangles + surface.n_face])
@@ -55,7 +59,7 @@ class Patches:
     def forget(self) -> None:
         """Drop what was found, whose order changes rounding: what begins here repeats."""
         self._at: Floats = np.empty((0, 3))
-        self._reach = -np.inf
+        self._within = -np.inf
         self._near: Integers = np.empty((0, 2), dtype=np.int64)
         self._colliding: tuple[Integers, Integers] = self._near, self._near
 
@@ -75,12 +79,12 @@ class Patches:
             nearer than the reach somewhere, but for neighbours along the shell; others as well.
         """
         moved = max(farthest(vertices, self._at) for vertices in places)
-        if moved <= self.room and reach + 2 * BULGE * moved <= self._reach:
+        if moved <= self.room and reach + 2 * BULGE * moved <= self._within:
             return self._near
-        wide = reach + 2 * BULGE * self.room
+        wide = max(reach, self.reach) + 2 * BULGE * self.room
         pairs = self._looked_for(places[0], places[-1], wide)
         if farthest(places[-1], places[0]) <= self.room:
-            self._at, self._reach, self._near = places[0].copy(), wide, pairs
+            self._at, self._within, self._near = places[0].copy(), wide, pairs
         return pairs
 
     def gap(self, vertices: Floats, most: float) -> float:

@@ -22,7 +22,7 @@ from opticcup_fem.contact.barrier import Barrier
 from opticcup_fem.contact.blocks import Blocks
 from opticcup_fem.contact.obstacles import Obstacle
 from opticcup_fem.contact.patches import Patches
-from opticcup_fem.contact.repulsion import Repulsion
+from opticcup_fem.contact.repulsion import REACH, Repulsion
 from opticcup_fem.contact.surface import ContactSurface
 from opticcup_fem.contact.walls import Walls
 from opticcup_fem.snapshot import Floats, Integers
@@ -126,7 +126,8 @@ class Potential:
         self._itself: tuple[Repulsion, Patches] | None = None
         self._walls: Walls | None = None
         if mirrors or (self._surface.closed and not obstacles):
-            patches = Patches(there, self._surface, AHEAD * settings.distance)
+            room, reach = AHEAD * settings.distance, REACH * settings.distance
+            patches = Patches(there, self._surface, room, reach)
             points = Repulsion(there, sites, self._surface, patches, thickness, *barrier)
             self._itself = points, patches
         if mirrors:

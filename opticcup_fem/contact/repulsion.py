@@ -50,6 +50,9 @@ FINE = 0.4
 ROOM = 0.1
 """How far points may move, over d_hat, before those that are near are looked for again."""
 
+REACH = 1 + 2 * ROOM
+"""Distance, over d_hat, up to which points are listed as near."""
+
 RAMP = 1.0
 """Range of reference distances, over the thickness, in which c grows from 0 to 1."""
 
@@ -171,7 +174,7 @@ class Repulsion:
 
     def _list(self, faces: Floats) -> _Near:
         """Return the points that are near each other at places of the faces."""
-        patches, reach = self._patches, (1 + 2 * ROOM) * self.distance
+        patches, reach = self._patches, REACH * self.distance
         vertices = np.concatenate([self._map @ face for face in faces])
         balls = patches.balls(vertices)
         near = near_balls(patches.near(vertices, reach=reach), balls, reach)

@@ -28,7 +28,7 @@ def sphere() -> Snapshot:
 
 def patches_of(mesh: Snapshot, exempt: float = 0.1) -> tuple[Patches, ContactSurface]:
     surface = surface_of(mesh, exempt=exempt)
-    return Patches(mesh.reference, surface, 0.01), surface
+    return Patches(mesh.reference, surface, 0.01, 0.0), surface
 
 
 def vertices_of(surface: ContactSurface, state: Snapshot) -> Floats:
@@ -106,7 +106,7 @@ def test_what_was_found_is_not_trusted_too_far(sphere: Snapshot) -> None:
 def test_gaps_are_those_of_the_triangles(sphere: Snapshot, parts: int) -> None:
     """Against the toolkit's, where no fold is near itself; no more than asked for."""
     surface = surface_of(sphere, parts, exempt=0.4)
-    patches, most = Patches(sphere.reference, surface, 0.01), 0.05
+    patches, most = Patches(sphere.reference, surface, 0.01, 0.0), 0.05
     for gap in (0.01, 0.02, 0.04, 0.2):
         vertices = surface.vertices(faces_of(dimple(sphere, gap)))
         expected = min(most, Barrier(surface, most, 1.0).gap(vertices))

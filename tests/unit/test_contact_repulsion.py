@@ -31,7 +31,7 @@ def sphere() -> Snapshot:
 
 def repulsion_of(mesh: Snapshot, distance: float = D_HAT) -> Repulsion:
     surface = surface_of(mesh, exempt=EXEMPT)
-    patches = Patches(mesh.reference, surface, 0.35 * distance)
+    patches = Patches(mesh.reference, surface, 0.35 * distance, 1.2 * distance)
     return Repulsion(mesh.reference, mesh.cells, surface, patches, H, distance, STIFFNESS)
 
 

@@ -190,7 +190,10 @@ def test_identity_follows_the_code_but_not_its_comments(monkeypatch, tmp_path):
         law.write_text("# a remark\n" + law.read_text().replace('"""', '"""Well, ', 1))
         assert version() == first
         law.write_text(law.read_text() + "\nFACTOR = 2\n")
-        assert version() != first
+        second = version()
+        assert second != first
+        (copy / "shell" / "loops.c").write_text("int one;")
+        assert version() != second
     finally:
         caching.code_version.cache_clear()
 
