@@ -187,11 +187,11 @@ int64_t near_points(int64_t n_pairs, const int64_t* pairs, const int64_t* first,
   int64_t count = 0;
   for (int64_t k = 0; k < n_pairs; ++k) {
     const int64_t a = pairs[2 * k], b = pairs[2 * k + 1];
-    const double within = balls[4 * b + 3] + reach;
+    const double far = balls[4 * b + 3] + reach;
     for (int64_t i = first[a]; i < first[a + 1]; ++i) {
       double apart[3];
       subtract(x + 3 * i, balls + 4 * b, apart);
-      if (dot(apart, apart) > within * within)
+      if (dot(apart, apart) > far * far)
         continue;
       for (int64_t j = first[b]; j < first[b + 1]; ++j) {
         subtract(x + 3 * i, x + 3 * j, apart);
@@ -379,7 +379,8 @@ static int planes_part(const triangle_t a, const triangle_t b, const triangle_t 
     if (dot(normal, way) < 0)
       for (int i = 0; i < 3; ++i)
         normal[i] = -normal[i];
-    if (beyond_along(normal, a, b) >= distance && beyond_along(normal, a_last, b_last) >= distance)
+    const double now = beyond_along(normal, a, b); /* nought where there is no plane */
+    if (now > 0 && now >= distance && beyond_along(normal, a_last, b_last) >= distance)
       return 1;
   }
   return 0;

@@ -109,10 +109,13 @@ def test_free_share_where_it_is_known() -> None:
         0.3, rel=2e-3
     )
     beside = falls + np.repeat([[0.0], [5.0], [5.0]], 3, axis=0)
+    # a triangle without an area has no plane
+    start[3:6], falls[3:6] = start[3:6].mean(axis=0), falls[3:6].mean(axis=0)
+    needle = free_share(both[:1], triangles, balls_of(start), start, falls, 0.0)
+    assert needle == pytest.approx(0.8, rel=2e-3)
     assert free_share(both, triangles, balls_of(start), start, beside, 0.0) == 1.0
-    assert (
-        free_share(both, triangles, balls_of(start), start, falls, 0.4) == 0.0
-    )  # nearer than that already
+    # nearer than what is to be kept already
+    assert free_share(both, triangles, balls_of(start), start, falls, 0.4) == 0.0
 
 
 def test_points_that_are_near() -> None:
