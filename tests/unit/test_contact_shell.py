@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from opticcup_fem.contact.model import Contact
+from opticcup_fem.contact.model import KEEP, Contact
 from opticcup_fem.contact.obstacles import Plate, Sphere
 from opticcup_fem.contact.potential import ContactSettings
 from opticcup_fem.contact.report import ContactReport, contact_report, nodal_areas
@@ -149,6 +149,20 @@ def test_solve_that_contact_stops_early_is_not_begun(
     assert solved[1].reason == CONTACT_AHEAD
     assert not solved[1].converged and solved[1].iterations == 0
     assert newton.solve(last, before=last).iterations > 0
+
+
+def test_a_step_keeps_half_of_a_gap(squeezed: tuple[LoadStepping, list[PathPoint]]) -> None:
+    """Of all nodes outwards, into the plates; inwards it may go all the way."""
+    stepping, points = squeezed
+    problem, state = stepping.problem, points[-1].state
+    contact = problem.contact
+    assert contact is not None
+    before, outwards = contact.gap(state), 0.05 * problem.shell.reference
+    share = problem.free_fraction(state, outwards)
+    assert 0 < share < 0.9
+    after = contact.gap(replace(state, r=state.r + share * outwards))
+    assert KEEP * before <= after * (1 + 1e-9) and after < 0.8 * before
+    assert problem.free_fraction(state, -outwards) == 1.0
 
 
 def test_nothing_changes_where_nothing_touches() -> None:
