@@ -61,6 +61,7 @@ class Patches:
         self._at: Floats = np.empty((0, 3))
         self._within = -np.inf
         self._near: Integers = np.empty((0, 2), dtype=np.int64)
+        self._on_way: tuple[tuple[Floats, ...], float, Integers] = (), -np.inf, self._near
         self._colliding: tuple[Integers, Integers] = self._near, self._near
 
     def balls(self, vertices: Floats) -> Floats:
@@ -81,10 +82,14 @@ class Patches:
         moved = max(farthest(vertices, self._at) for vertices in places)
         if moved <= self.room and reach + 2 * BULGE * moved <= self._within:
             return self._near
+        ends, within, pairs = self._on_way
+        if reach <= within and all(any(np.array_equal(x, end) for end in ends) for x in places):
+            return pairs
         wide = max(reach, self.reach) + 2 * BULGE * self.room
         pairs = self._looked_for(places[0], places[-1], wide)
         if farthest(places[-1], places[0]) <= self.room:
             self._at, self._within, self._near = places[0].copy(), wide, pairs
+        self._on_way = places, wide, pairs
         return pairs
 
     def gap(self, vertices: Floats, most: float) -> float:

@@ -178,7 +178,7 @@ class Repulsion:
         vertices = np.concatenate([self._map @ face for face in faces])
         balls = patches.balls(vertices)
         near = near_balls(patches.near(vertices, reach=reach), balls, reach)
-        if self._levels is None:
+        if self._levels is None and len(near):
             self._levels = self._cuts(vertices)
         points, first = self._points(near)
         x = points.map @ faces.reshape(-1, 3)
@@ -209,8 +209,8 @@ class Repulsion:
         count, n_sites = self._patches.count, len(self._reference)
         wanted = np.zeros(2 * count, dtype=bool)
         wanted[pairs] = True
-        assert self._levels is not None
-        level = np.tile(self._levels, 2) * wanted
+        levels = np.zeros(count, dtype=int) if self._levels is None else self._levels
+        level = np.tile(levels, 2) * wanted
         first = np.concatenate([[0], np.cumsum(level**2)])
         patch = np.repeat(np.arange(2 * count), level**2)
         number, n = np.arange(len(patch)) - first[patch], level[patch]
