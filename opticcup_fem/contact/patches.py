@@ -76,7 +76,7 @@ class Patches:
             reach: Distance below which they touch.
 
         Returns:
-            Shape (n, 2), those of the same two cells one after the other: all pairs that come
+            Shape (n, 2), those of the same two cells one after the other.  These are all that come
             nearer than the reach somewhere, but for neighbours along the shell; others as well.
         """
         moved = max(farthest(vertices, self._at) for vertices in places)
