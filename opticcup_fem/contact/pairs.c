@@ -124,12 +124,22 @@ static int meet(const double* a, const double* b, double reach)
   return apart < near * near;
 }
 
-/* Whether the centres of two balls (centre, radius) are farther apart than a distance. */
+/* Whether two points, or the centres of two balls, are farther apart than a distance. */
 static int apart_by(const double* a, const double* b, double distance)
 {
   double apart[3];
   subtract(a, b, apart);
   return distance < 0 || dot(apart, apart) > distance * distance;
+}
+
+/* One more pair: written behind those before where there is room for it. */
+static int64_t with_pair(int64_t i, int64_t j, int64_t count, int64_t capacity, int64_t* pairs)
+{
+  if (count < capacity) {
+    pairs[2 * count] = i;
+    pairs[2 * count + 1] = j;
+  }
+  return count + 1;
 }
 
 int64_t near_patches(int64_t n_cells, int64_t per_cell, const double* cells, const double* patches,
@@ -152,11 +162,7 @@ int64_t near_patches(int64_t n_cells, int64_t per_cell, const double* cells, con
           if (!meet(patches + PIECE * i, patches + PIECE * j, reach)
               || !apart_by(rest + 4 * i, rest + 4 * j, exempt - rest[4 * i + 3] - rest[4 * j + 3]))
             continue;
-          if (count < capacity) {
-            pairs[2 * count] = i;
-            pairs[2 * count + 1] = j;
-          }
-          ++count;
+          count = with_pair(i, j, count, capacity, pairs);
         }
       }
     }
@@ -171,9 +177,7 @@ int64_t near_balls(int64_t n_pairs, const int64_t* pairs, const double* balls, d
     const double *a = balls + 4 * pairs[2 * k], *b = balls + 4 * pairs[2 * k + 1];
     if (apart_by(a, b, a[3] + b[3] + reach))
       continue;
-    found[2 * count] = pairs[2 * k];
-    found[2 * count + 1] = pairs[2 * k + 1];
-    ++count;
+    count = with_pair(pairs[2 * k], pairs[2 * k + 1], count, n_pairs, found);
   }
   return count;
 }
@@ -197,14 +201,9 @@ int64_t near_points(int64_t n_pairs, const int64_t* pairs, const int64_t* first,
         subtract(x + 3 * i, x + 3 * j, apart);
         if (dot(apart, apart) >= reach * reach)
           continue;
-        subtract(rest + 3 * i, rest + 3 * j, apart);
-        if (dot(apart, apart) <= exempt * exempt)
+        if (!apart_by(rest + 3 * i, rest + 3 * j, exempt))
           continue;
-        if (count < capacity) {
-          found[2 * count] = i;
-          found[2 * count + 1] = j;
-        }
-        ++count;
+        count = with_pair(i, j, count, capacity, found);
       }
     }
   }
