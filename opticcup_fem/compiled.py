@@ -7,11 +7,13 @@ import hashlib
 import importlib.util
 import os
 import platform
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any
+
+from mpi4py import MPI
 
 import cffi
 from dolfinx import jit
@@ -61,11 +63,28 @@ def sole_compiler() -> Iterator[None]:
         yield
 
 
+def root_first(comm: MPI.Comm, make: Callable[[], Any]) -> Any:
+    """Call ``make`` on rank 0, which may fill the cache, then on the other ranks.
+
+    Raises:
+        RuntimeError: The call failed; every rank raises.
+    """
+    result, message = None, None
+    if comm.rank == 0:
+        try:
+            with sole_compiler():
+                result = make()
+        except Exception as exc:  # all ranks must agree on the failure before one raises
+            message = f"{type(exc).__name__}: {exc}"
+    message = comm.bcast(message)
+    if message is not None:
+        raise RuntimeError(f"a kernel could not be compiled: {message}")
+    return result if comm.rank == 0 else make()
+
+
 @cache
 def c_library(name: str, declarations: str, source: str) -> tuple[Any, Any]:
     """Return cffi's (ffi, library) of a C source, compiled where the cache lacks it.
-
-    The caller holds ``sole_compiler`` where others may compile at the same time.
 
     Args:
         name: What its functions are for, one word.

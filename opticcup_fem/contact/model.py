@@ -18,10 +18,12 @@ from mpi4py import MPI
 import numpy as np
 from numpy.typing import NDArray
 
+from opticcup_fem.compiled import root_first
 from opticcup_fem.contact.blocks import Blocks
 from opticcup_fem.contact.faces import FaceVariations, ShellFaces, face_heights
 from opticcup_fem.contact.gather import NodeGather
 from opticcup_fem.contact.obstacles import Obstacle
+from opticcup_fem.contact.pairs import library
 from opticcup_fem.contact.potential import ContactSettings, Placed, Potential
 from opticcup_fem.errors import CaseError
 from opticcup_fem.shell.model import ContactData, Shell, ShellState
@@ -72,12 +74,14 @@ class Contact:
 
         Raises:
             CaseError: An obstacle overlaps the shell in its reference position.
+            RuntimeError: The loops over pairs could not be compiled.
         """
         self.shell, self.settings = shell, settings
         self.comm, self.has_obstacles = shell.comm, len(obstacles) > 0
         self.gather = NodeGather(shell.spaces)
         self._placed: tuple[ShellState, Placed | None] | None = None
         self._pushed: tuple[ShellState, Array | None] | None = None
+        root_first(self.comm, library)
         reference = self.gather.to_root(shell.reference)
         orientation = self.gather.cell_values(shell.spaces.orientation)
         gradient = self.gather.cell_values(shell.spaces.gradient_operator(NODES))

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from opticcup_fem.compiled import c_library, sole_compiler
+from opticcup_fem.compiled import c_library
 from opticcup_fem.snapshot import Floats, Integers
 
 DECLARATIONS = """
@@ -60,15 +60,15 @@ FIRST_CAPACITY = 1_000_000
 
 
 @cache
-def _library() -> tuple[Any, Any]:
+def library() -> tuple[Any, Any]:
+    """Return cffi's (ffi, library) of the loops, compiled where the cache lacks them."""
     source = (Path(__file__).parent / "pairs.c").read_text(encoding="utf-8")
-    with sole_compiler():
-        return c_library("pairs", DECLARATIONS, source)
+    return c_library("pairs", DECLARATIONS, source)
 
 
 def _call(name: str, *arguments: Floats | Integers | float) -> Any:
     """Call a function of the library, arrays as pointers; those it writes must be contiguous."""
-    ffi, library = _library()
+    ffi, loops = library()
     passed = []
     for argument in arguments:
         if isinstance(argument, np.ndarray):
@@ -78,7 +78,7 @@ def _call(name: str, *arguments: Floats | Integers | float) -> Any:
             passed.append(ffi.from_buffer("double*" if real else "int64_t*", contiguous))
         else:
             passed.append(argument)
-    return getattr(library, name)(*passed)
+    return getattr(loops, name)(*passed)
 
 
 def _found(search: Callable[[int, Integers], int]) -> Integers:

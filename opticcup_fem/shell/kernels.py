@@ -7,7 +7,7 @@ special.  The loop around a kernel is ten lines of C, compiled once with cffi.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from mpi4py import MPI
@@ -50,25 +50,6 @@ void loop_over_entities(uintptr_t kernel, long n, double* A, long n_A, long per_
 """
 
 
-def _root_first(comm: MPI.Comm, make: Callable[[], Any]) -> Any:
-    """Call ``make`` on rank 0, which may fill the cache, then on the other ranks.
-
-    Raises:
-        RuntimeError: The call failed; every rank raises.
-    """
-    result, message = None, None
-    if comm.rank == 0:
-        try:
-            with compiled.sole_compiler():
-                result = make()
-        except Exception as exc:  # all ranks must agree on the failure before one raises
-            message = f"{type(exc).__name__}: {exc}"
-    message = comm.bcast(message)
-    if message is not None:
-        raise RuntimeError(f"a kernel could not be compiled: {message}")
-    return result if comm.rank == 0 else make()
-
-
 def _entity_loop() -> tuple[Any, Any]:
     """Return (ffi, library) of the loop, compiling it where the cache lacks it."""
     source = LOOP_SOURCE
@@ -98,8 +79,8 @@ class Kernel:
             found: tuple[Any, Any, Any] = jit.ffcx_jit(MPI.COMM_SELF, form, jit_options=options)
             return found
 
-        self._compiled, self._module, _ = _root_first(comm, compile_form)
-        self._loop_ffi, self._loop = _root_first(comm, _entity_loop)
+        self._compiled, self._module, _ = compiled.root_first(comm, compile_form)
+        self._loop_ffi, self._loop = compiled.root_first(comm, _entity_loop)
         ffi = self._module.ffi
         which = 1 if integral.on_edges else 0
         offset = self._compiled.form_integral_offsets[which]
