@@ -19,7 +19,7 @@ import cffi
 from dolfinx import jit
 
 
-def processor_tag() -> str:
+def _processor_tag() -> str:
     """Return a tag of this processor's features: code of -march=native may not run on another."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
@@ -37,7 +37,7 @@ C_OPTIONS = [
     "-ffast-math",
     "-fno-finite-math-only",
     # kernels of another kind of processor are other kernels, where a cache is shared
-    f"-DPROCESSOR_{processor_tag()}",
+    f"-DPROCESSOR_{_processor_tag()}",
 ]
 
 
@@ -47,7 +47,7 @@ def cache_folder() -> Path:
 
 
 @contextmanager
-def sole_compiler() -> Iterator[None]:
+def _sole_compiler() -> Iterator[None]:
     """Hold the cache for one process, and clear what a killed compilation left there.
 
     FFCx waits for a source file without its ``.cached`` mark until a timeout.  While the lock is
@@ -72,7 +72,7 @@ def root_first(comm: MPI.Comm, make: Callable[[], Any]) -> Any:
     result, message = None, None
     if comm.rank == 0:
         try:
-            with sole_compiler():
+            with _sole_compiler():
                 result = make()
         except Exception as exc:  # all ranks must agree on the failure before one raises
             message = f"{type(exc).__name__}: {exc}"

@@ -201,8 +201,7 @@ class Contact:
         forces, value = self._forces_of_part(state), None
         touched = None
         if forces is not None:
-            pushed = np.any(forces != 0, axis=(0, 2)).reshape(-1, len(NODES))
-            touched = np.flatnonzero(pushed.any(axis=1))
+            touched = np.flatnonzero(_pushed_cells(forces))
         variations = self._variations(state, touched)
         if variations is not None and forces is not None and self.potential is not None:
             value = self.potential.of_all(-variations.pulled_back_forces(forces))
@@ -226,7 +225,7 @@ class Contact:
         stiffness = self._ask(state, lambda potential, placed: potential.hessian(placed, convex))
         touched, value = None, None
         if forces is not None and stiffness is not None:
-            pushed = np.any(forces != 0, axis=(0, 2)).reshape(-1, len(NODES)).any(axis=1)
+            pushed = _pushed_cells(forces)
             pushed[np.concatenate([stiffness.first, stiffness.second]) % len(pushed)] = True
             touched = np.flatnonzero(pushed)
         variations = self._variations(state, touched)
@@ -326,6 +325,11 @@ class Contact:
         goal = self._with_touches(goal)
         assert goal.contact is not None
         return goal, not (touched or goal.contact.touches)
+
+
+def _pushed_cells(forces: Array) -> NDArray[np.bool_]:
+    """Return which cells have a force, (2, n_sites, 3), on one of their faces, shape (m,)."""
+    return np.any(forces.reshape(2, -1, 3 * len(NODES)) != 0, axis=(0, 2))
 
 
 def between(start: ShellState, end: ShellState, share: float) -> ShellState:

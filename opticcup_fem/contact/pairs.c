@@ -18,6 +18,11 @@ static void subtract(const double* a, const double* b, double* out)
     out[i] = a[i] - b[i];
 }
 
+static double clamped(double x)
+{
+  return x > 1 ? 1 : x > 0 ? x : 0;
+}
+
 /* Twice the area of a triangle along its normal. */
 static void area_vector(const double* a, const double* b, const double* c, double* out)
 {
@@ -115,8 +120,7 @@ static int meet(const double* a, const double* b, double reach)
   subtract(a + END, b + END, to);
   subtract(to, from, way);
   const double square = dot(way, way);
-  double share = square > 0 ? -dot(from, way) / square : 0.0;
-  share = share < 0 ? 0 : share > 1 ? 1 : share;
+  const double share = square > 0 ? clamped(-dot(from, way) / square) : 0.0;
   const double near = a[RADIUS] + b[RADIUS] + reach;
   double apart = 0;
   for (int i = 0; i < 3; ++i)
@@ -296,11 +300,6 @@ static void from_point(const double* p, const triangle_t t, double* way)
     v = vb / (va + vb + vc), w = vc / (va + vb + vc);
   for (int i = 0; i < 3; ++i)
     way[i] = v * ab[i] + w * ac[i] - ap[i];
-}
-
-static double clamped(double x)
-{
-  return x > 1 ? 1 : x > 0 ? x : 0;
 }
 
 /* The shortest vector from the edge p, q to the edge r, s (Ericson, section 5.1.9). */

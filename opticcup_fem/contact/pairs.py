@@ -6,7 +6,7 @@ spend their time on moving them through memory.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -104,21 +104,46 @@ def balls(corners: Integers, x: Floats) -> Floats:
     return found
 
 
-def pieces(corners: Integers, triangles: Integers, start: Floats, end: Floats) -> Floats:
+def normals(triangles: Integers, x: Floats) -> Floats:
+    """Return the normals of triangles at their vertices, shape (n_vertices, 3).
+
+    Args:
+        triangles: Corners of all, shape (n_triangles, 3).
+        x: Places, shape (n_vertices, 3).
+    """
+    found = np.empty(x.shape)
+    _call("normals", len(triangles), triangles, len(x), x, found)
+    return found
+
+
+def pieces(corners: Integers, start: Floats, end: Floats, around: Sequence[Floats]) -> Floats:
     """Return pieces on a straight way, shape (n, ``PIECE``).
 
     Args:
         corners: Vertices of each piece, shape (n, k).
-        triangles: All triangles, which give the normals at the vertices, shape (n_triangles, 3).
         start: Places at the start, shape (n_vertices, 3).
         end: Places at the end.
+        around: Normals at the vertices, at the start and at the end.
     """
-    normals = np.empty((2, *start.shape))
-    for x, found in zip((start, end), normals, strict=True):
-        _call("normals", len(triangles), triangles, len(x), x, found)
-    result = np.empty((len(corners), PIECE))
-    _call("pieces", *corners.shape, corners, start, end, *normals, BULGE, SPREAD, result)
-    return result
+    found = np.empty((len(corners), PIECE))
+    _call("pieces", *corners.shape, corners, start, end, *around, BULGE, SPREAD, found)
+    return found
+
+
+def distances(x: Floats, pairs: Integers) -> Floats:
+    """Return the distances of pairs of points x (n, 3), shape (n_pairs,)."""
+    first, second = pairs.T
+    square = np.zeros(len(pairs))
+    for component in x.T:  # by columns: pairs are many
+        square += (component[first] - component[second]) ** 2
+    apart: Floats = np.sqrt(square)
+    return apart
+
+
+def farthest(one: Floats, other: Floats) -> float:
+    """Return by how much places differ at most."""
+    change = one - other
+    return float(np.sqrt(np.einsum("...i,...i->...", change, change).max()))
 
 
 def near_balls(pairs: Integers, around: Floats, reach: float) -> Integers:
@@ -256,7 +281,6 @@ def free_share(
         end: Places at the end.
         apart: Distance to be kept.
     """
-    farthest = np.sqrt(np.max(np.sum((end - start) ** 2, axis=1), initial=0.0))
-    reach = float(apart + 2 * farthest)
+    reach = apart + 2 * farthest(start, end)
     arguments = (pairs, triangles, around, start, end, reach, float(apart))
     return float(_call("free_share", len(pairs), *arguments))

@@ -12,9 +12,12 @@ import numpy as np
 from opticcup_fem.contact.pairs import (
     BULGE,
     balls,
+    distances,
+    farthest,
     free_share,
     least_distance,
     near_patches,
+    normals,
     pieces,
 )
 from opticcup_fem.contact.surface import ContactSurface
@@ -58,11 +61,10 @@ class Patches:
 
     def forget(self) -> None:
         """Drop what was found, whose order changes rounding: what begins here repeats."""
-        self._at: Floats = np.empty((0, 3))
-        self._within = -np.inf
-        self._near: Integers = np.empty((0, 2), dtype=np.int64)
-        self._on_way: tuple[tuple[Floats, ...], float, Integers] = (), -np.inf, self._near
-        self._colliding: tuple[Integers, Integers] = self._near, self._near
+        none = np.empty((0, 2), dtype=np.int64)
+        # ends of a way, the distance below which patches were looked for on it, and these
+        self._near: tuple[tuple[Floats, ...], float, Integers] = (), -np.inf, none
+        self._colliding: tuple[Integers, Integers] = none, none
 
     def balls(self, vertices: Floats) -> Floats:
         """Return centres and radii of balls around the curved patches, shape (2 count, 4)."""
@@ -79,17 +81,12 @@ class Patches:
             Shape (n, 2), those of the same two cells one after the other.  These are all that come
             nearer than the reach somewhere, but for neighbours along the shell; others as well.
         """
-        moved = max(farthest(vertices, self._at) for vertices in places)
-        if moved <= self.room and reach + 2 * BULGE * moved <= self._within:
-            return self._near
-        ends, within, pairs = self._on_way
-        if reach <= within and all(any(np.array_equal(x, end) for end in ends) for x in places):
-            return pairs
-        wide = max(reach, self.reach) + 2 * BULGE * self.room
-        pairs = self._looked_for(places[0], places[-1], wide)
-        if farthest(places[-1], places[0]) <= self.room:
-            self._at, self._within, self._near = places[0].copy(), wide, pairs
-        self._on_way = places, wide, pairs
+        ends, within, pairs = self._near
+        moved = max(min((farthest(x, end) for end in ends), default=np.inf) for x in places)
+        if moved > self.room or reach + 2 * BULGE * moved > within:
+            within = max(reach, self.reach) + 2 * BULGE * self.room
+            pairs = self._looked_for(places[0], places[-1], within)
+            self._near = places, within, pairs
         return pairs
 
     def gap(self, vertices: Floats, most: float) -> float:
@@ -111,26 +108,16 @@ class Patches:
     def _that_collide(self, near: Integers) -> Integers:
         """Return those of near pairs of which no parts are exempt."""
         if self._colliding[0] is not near:
-            first, second = (near % self.count).T
-            square = np.zeros(len(near))
-            for component in self._rest[:, :3].T:  # by columns: pairs are many
-                square += (component[first] - component[second]) ** 2
-            least = self._exempt + self._extent[first] + self._extent[second]
-            self._colliding = near, near[square > least**2]
+            rest = near % self.count
+            least = self._exempt + self._extent[rest[:, 0]] + self._extent[rest[:, 1]]
+            self._colliding = near, near[distances(self._rest[:, :3], rest) > least]
         return self._colliding[1]
 
     def _looked_for(self, start: Floats, end: Floats, reach: float) -> Integers:
+        around = [normals(self.triangles, x) for x in (start, end)]
         cells, patches = (
-            pieces(corners, self.triangles, start, end) for corners in (self._cells, self.triangles)
+            pieces(corners, start, end, around) for corners in (self._cells, self.triangles)
         )
         sides = zip(np.split(cells, 2), np.split(patches, 2), strict=True)
         inner, outer = (near_patches(*side, self._rest, reach, self._exempt) for side in sides)
         return np.concatenate([inner, outer + self.count])
-
-
-def farthest(one: Floats, other: Floats) -> float:
-    """Return by how much places differ at most, inf from nowhere."""
-    if one.shape != other.shape:
-        return np.inf
-    change = one - other
-    return float(np.sqrt(np.einsum("...i,...i->...", change, change).max()))

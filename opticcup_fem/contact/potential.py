@@ -123,13 +123,12 @@ class Potential:
         )
         self._cells, self._n_cells = np.flatnonzero(part), len(cells)
         self._pairs = Barrier(self._surface, *barrier)
-        self._itself: tuple[Repulsion, Patches] | None = None
+        self._itself: Repulsion | None = None
         self._walls: Walls | None = None
         if mirrors or (self._surface.closed and not obstacles):
             room, reach = AHEAD * settings.distance, REACH * settings.distance
             patches = Patches(there, self._surface, room, reach)
-            points = Repulsion(there, sites, self._surface, patches, thickness, *barrier)
-            self._itself = points, patches
+            self._itself = Repulsion(there, sites, self._surface, patches, thickness, *barrier)
         if mirrors:
             self._walls = Walls(there, sites, mirrors, thickness, *barrier)
         self._reflections = _reflections(reference, mirrors)
@@ -144,7 +143,7 @@ class Potential:
         """Return the energy of all images, inf where a mirror is passed."""
         if self._itself is None:
             return self._pairs.energy(placed.vertices)
-        energy = self._itself[0].energy(placed.faces)
+        energy = self._itself.energy(placed.faces)
         if self._walls is not None:
             energy += self._walls.energy(placed.distances)
         return self.images * energy
@@ -153,7 +152,7 @@ class Potential:
         """Return dE_c/dx of the faces in the energy of the part alone, None without touch."""
         if self._itself is None:
             return self._pairs.gradient(placed.vertices)
-        itself = self._itself[0].gradient(placed.faces)
+        itself = self._itself.gradient(placed.faces)
         walls = None if self._walls is None else self._walls.gradient(placed.distances)
         if itself is None or walls is None:
             return itself if walls is None else walls
@@ -174,7 +173,7 @@ class Potential:
             of_pairs = self._pairs.hessian(placed.vertices, convex)
             return None if of_pairs is None else Blocks.of(of_pairs)
         found = []
-        if (itself := self._itself[0].hessian(placed.faces, convex)) is not None:
+        if (itself := self._itself.hessian(placed.faces, convex)) is not None:
             found.append(self._in_whole(itself))
         if self._walls is not None and (walls := self._walls.hessian(placed.distances)) is not None:
             found.append(Blocks.of(walls))
@@ -201,7 +200,7 @@ class Potential:
         """Return the least gap, inf where it exceeds the distance at which the potential begins."""
         if self._itself is None:
             return self._pairs.gap(placed.vertices)
-        return min(self._itself[0].gap(placed.faces), self._gap_to_walls(placed))
+        return min(self._itself.gap(placed.faces), self._gap_to_walls(placed))
 
     def _gap_to_walls(self, placed: Placed) -> float:
         return np.inf if self._walls is None else self._walls.gap(placed.distances)
@@ -210,7 +209,7 @@ class Potential:
         """Return the least distance of triangles, or at most that where the potential begins."""
         if self._itself is None:
             return min(self._pairs.gap(placed.vertices), self.distance)
-        return self._itself[1].gap(placed.vertices, self.distance)
+        return self._itself.patches.gap(placed.vertices, self.distance)
 
     def clearance(self, placed: Placed) -> float:
         """Return the most that ``free_fraction`` can keep from here, up to the distance."""
@@ -225,7 +224,7 @@ class Potential:
             apart: Distance that triangles and mirrors keep all the way, below the clearance of
                 ``start``.
         """
-        triangles = self._pairs if self._itself is None else self._itself[1]
+        triangles = self._pairs if self._itself is None else self._itself.patches
         share = triangles.free_fraction(start.vertices, end.vertices, apart)
         if self._walls is None:
             return share
@@ -233,7 +232,7 @@ class Potential:
 
     def passes(self, start: Placed, end: Placed) -> bool:
         """Return whether nothing touches on the straight way from ``start``, nor at its end."""
-        self._forget(np.inf)
+        self._forget()
         return self.free_fraction(start, end, self.distance) >= 1.0 and self.gap(end) == np.inf
 
     def crosses(self, placed: Placed) -> bool:
@@ -246,15 +245,13 @@ class Potential:
 
     def begin(self, start: Placed) -> None:
         """Let a way from these places depend on nothing that was before, see ``Barrier``."""
-        self._forget(self._gap_of_triangles(start))
+        self._forget(start)
 
-    def _forget(self, gap: float) -> None:
-        """Drop what was found; points are to resolve a gap from now on."""
+    def _forget(self, start: Placed | None = None) -> None:
+        """Drop what was found; points are to resolve the gaps of a start from now on."""
         self._pairs.forget()
         if self._itself is not None:
-            points, patches = self._itself
-            patches.forget()
-            points.forget(gap)
+            self._itself.forget(np.inf if start is None else self._gap_of_triangles(start))
 
 
 def _reflections(reference: Floats, mirrors: Sequence[int]) -> list[tuple[Floats, Integers]]:

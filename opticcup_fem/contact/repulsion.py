@@ -26,8 +26,16 @@ from scipy import sparse
 
 from opticcup_fem.contact.blocks import SIDE, Blocks
 from opticcup_fem.contact.law import repulsion, rise
-from opticcup_fem.contact.pairs import BULGE, near_balls, near_points, stiffness, within
-from opticcup_fem.contact.patches import Patches, farthest
+from opticcup_fem.contact.pairs import (
+    BULGE,
+    distances,
+    farthest,
+    near_balls,
+    near_points,
+    stiffness,
+    within,
+)
+from opticcup_fem.contact.patches import Patches
 from opticcup_fem.contact.surface import ContactSurface, longest_edges
 from opticcup_fem.snapshot import (
     Floats,
@@ -124,6 +132,7 @@ class Repulsion:
     Attributes:
         distance: d_hat, the gap at which it begins.
         stiffness: k [stress].
+        patches: The patches on which points are laid out.
     """
 
     def __init__(
@@ -150,7 +159,7 @@ class Repulsion:
         self.distance, self.stiffness = distance, stiffness
         self._reference, self._cells = reference, cells
         self._exempt, self._ramp = surface.exempt, RAMP * thickness
-        self._patches, self._map = patches, surface.map
+        self.patches, self._map = patches, surface.map
         self._parts = surface.parts
         slopes = lagrange_gradient(_corners(self._parts).mean(axis=1))
         base = np.einsum("tja,cji->ctai", slopes, reference[cells]).reshape(-1, 2, 3)
@@ -169,12 +178,13 @@ class Repulsion:
         """
         self._size = (SPACING if gap > NARROW * self.distance else FINE) * self.distance
         self._levels = self._near = self._touching = None
+        self.patches.forget()
 
     # --- which points are near ----------------------------------------------------------------
 
     def _list(self, faces: Floats) -> _Near:
         """Return the points that are near each other at places of the faces."""
-        patches, reach = self._patches, REACH * self.distance
+        patches, reach = self.patches, REACH * self.distance
         vertices = np.concatenate([self._map @ face for face in faces])
         balls = patches.balls(vertices)
         near = near_balls(patches.near(vertices, reach=reach), balls, reach)
@@ -186,7 +196,7 @@ class Repulsion:
         used = np.zeros(len(points.cell), dtype=bool)
         used[pairs] = True
         points, pairs = points.of(used), (np.cumsum(used) - 1)[pairs]
-        beyond = (_apart(points.rest, pairs) - self._exempt) / self._ramp
+        beyond = (distances(points.rest, pairs) - self._exempt) / self._ramp
         weights = (
             rise(np.asarray(beyond, dtype=np.float64))
             * points.area[pairs[:, 0]]
@@ -196,7 +206,7 @@ class Repulsion:
 
     def _cuts(self, vertices: Floats) -> Integers:
         """Return into how many parts the edges of patches are cut for points, shape (count,)."""
-        longest = longest_edges(vertices[self._patches.triangles]).reshape(2, -1).max(axis=0)
+        longest = longest_edges(vertices[self.patches.triangles]).reshape(2, -1).max(axis=0)
         cuts: Integers = np.ceil(longest / self._size).astype(int)
         return cuts
 
@@ -206,7 +216,7 @@ class Repulsion:
         Returns:
             The points, and the number of the first one of each patch, shape (2 count + 1,).
         """
-        count, n_sites = self._patches.count, len(self._reference)
+        count, n_sites = self.patches.count, len(self._reference)
         wanted = np.zeros(2 * count, dtype=bool)
         wanted[pairs] = True
         levels = np.zeros(count, dtype=int) if self._levels is None else self._levels
@@ -335,15 +345,6 @@ def _difference(values: Floats, pairs: Integers, n: int) -> Floats:
     first, second = pairs.T
     parts = [np.bincount(first, v, n) - np.bincount(second, v, n) for v in values.T]
     return np.stack(parts, axis=1)
-
-
-def _apart(x: Floats, pairs: Integers) -> Floats:
-    """Return the distances of pairs of points x (n, 3), shape (n_pairs,)."""
-    square = np.zeros(len(pairs))
-    for component in x.T:  # by columns: pairs are many
-        square += (component[pairs[:, 0]] - component[pairs[:, 1]]) ** 2
-    apart: Floats = np.sqrt(square)
-    return apart
 
 
 def _between_cells(points: _Points, pairs: Integers, values: Floats) -> Blocks:

@@ -46,7 +46,7 @@ of contact knows nothing of the pairs that a long step would meet."""
 MOST_RENEWALS = 30
 """Solves for one state while faces and obstacles are brought up to date."""
 
-NEARER = 1e-3
+SETTLING = 1e-3
 """Residual, unit mu_IOV R^2, below which contact data are brought up to date within a solve."""
 
 CONTACT_AHEAD = "CONTACT_AHEAD"
@@ -345,7 +345,7 @@ class MixedNewton:
         Done once on the way, this saves the solve that they would call for behind it.
         """
         contact = self.problem.contact
-        if contact is None or not self.problem.awake or self._is_renewed or self._norm > NEARER:
+        if contact is None or not self.problem.awake or self._is_renewed or self._norm > SETTLING:
             return state
         self._is_renewed = True
         return contact.renewed(state)[0]

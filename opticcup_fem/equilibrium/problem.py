@@ -103,7 +103,8 @@ class Problem:
             gather = self.contact.gather
             nodes = self.comm.bcast(gather.cells)
             numbers, _ = unknowns.split(np.where(unknowns.idle, -1, unknowns.numbers))
-            self._unknowns_of = gather.everywhere(numbers)[nodes].reshape(-1, SIDE)
+            of_cells = gather.everywhere(numbers)[nodes].reshape(-1, SIDE)
+            self._unknowns_of = of_cells.astype(PETSc.IntType)
             if unknowns.sign is not None:
                 signs, _ = unknowns.split(unknowns.sign)
                 self._sign_of = gather.everywhere(signs)[nodes].reshape(-1, SIDE)
@@ -131,24 +132,27 @@ class Problem:
         return sparse.csr_array((np.ones(len(columns), np.float32), columns, ends), shape=shape)
 
     @cached_property
-    def _places_of_cells(self) -> sparse.csr_array:
-        """Ones where unknowns are those of the nodes of cells, (n_cells of all ranks, n_u)."""
+    def _places_of_cells(self) -> tuple[sparse.csr_array, sparse.csr_array]:
+        """Ones where unknowns are those of the nodes of cells: of all ranks, and owned ones.
+
+        Shapes (n_cells of all ranks, n_u) and, turned over, (owned, n_cells of all ranks).
+        """
         cell, at = np.nonzero(self._unknowns_of >= 0)
         entries = np.ones(len(cell), np.float32), (cell, self._unknowns_of[cell, at])
-        return sparse.csr_array(entries, shape=(len(self._unknowns_of), self.matrix.size[1]))
+        every = sparse.csr_array(entries, shape=(len(self._unknowns_of), self.matrix.size[1]))
+        return every, sparse.csr_array(every[:, slice(*self.unknowns.range)].T)
 
-    def _reserve(self, far: Integers | None) -> None:
+    def _reserve(self) -> None:
         """Reserve the pattern of cells and of pairs of cells in contact, if any."""
         pattern = self._pattern_of_cells
-        if far is not None:
-            every = self._places_of_cells
-            owned = every[:, slice(*self.unknowns.range)]
+        if self._far is not None:
+            every, owned = self._places_of_cells
             n = len(self._unknowns_of)
-            first, second = np.divmod(far, n)
-            entries = np.ones(2 * len(far), np.float32)
+            first, second = np.divmod(self._far, n)
+            entries = np.ones(2 * len(first), np.float32)
             where = (np.concatenate([first, second]), np.concatenate([second, first]))
             pairs = sparse.csr_array((entries, where), shape=(n, n))
-            pattern = pattern + sparse.csr_array(owned.T) @ (pairs @ every)
+            pattern = pattern + owned @ (pairs @ every)
             pattern.sort_indices()
         kinds = (array.astype(PETSc.IntType) for array in (pattern.indptr, pattern.indices))
         self.matrix.setPreallocationCSR(tuple(kinds))
@@ -322,9 +326,7 @@ class Problem:
             if self.unknowns.sign is not None:
                 values = values * self._sign_of[blocks.first][:, :, None]
                 values *= self._sign_of[blocks.second][:, None]
-            rows, columns = (
-                self._unknowns_of[cells].astype(np.int32) for cells in (blocks.first, blocks.second)
-            )
+            rows, columns = (self._unknowns_of[cells] for cells in (blocks.first, blocks.second))
             matrix.setValuesRCV(rows, columns, values, addv=PETSc.InsertMode.ADD_VALUES)
 
     def _make_room(self, far: Blocks) -> None:
@@ -345,7 +347,7 @@ class Problem:
 
     def _renew_pattern(self) -> None:
         self._has_old_contacts = False
-        self._reserve(self._far)
+        self._reserve()
         # a new pattern needs a new factor, which needs its settings
         self.ksp.reset()
         self.ksp.setOperators(self.matrix)
