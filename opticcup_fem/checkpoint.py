@@ -21,7 +21,7 @@ from opticcup_fem.errors import CaseError
 from opticcup_fem.whole_files import new_hdf5
 
 CHECKPOINT = "checkpoint.h5"
-FORMAT = 3
+FORMAT = 4
 """Number of this layout of the file; readers refuse others."""
 
 

@@ -279,8 +279,8 @@ class Contact:
 
     # --- ways to a state ----------------------------------------------------------------------
 
-    def _begin(self, start: ShellState) -> None:
-        """Let a way depend on its ends alone, so that a resumed run repeats what it left."""
+    def begin(self, start: ShellState) -> None:
+        """Let what begins here depend on nothing before: resumed runs repeat it (collective)."""
         placed = self._of(start)
         if self.potential is not None and placed is not None:
             self.potential.begin(placed)
@@ -292,7 +292,7 @@ class Contact:
         towards where they stand at the present t_n.  The share 1 is the guess itself.
         """
         assert before.contact is not None
-        self._begin(before)
+        self.begin(before)
         arrived = replace(before.contact, time=self.shell.t_n)
         if self.shell.evaluate(guess, tangent=False)[1] is None:
             arrived = self._present(guess)

@@ -173,19 +173,6 @@ int64_t near_patches(int64_t n_cells, int64_t per_cell, const double* cells, con
   return count;
 }
 
-int64_t near_balls(int64_t n_pairs, const int64_t* pairs, const double* balls, double reach,
-                   int64_t* found)
-{
-  int64_t count = 0;
-  for (int64_t k = 0; k < n_pairs; ++k) {
-    const double *a = balls + 4 * pairs[2 * k], *b = balls + 4 * pairs[2 * k + 1];
-    if (apart_by(a, b, a[3] + b[3] + reach))
-      continue;
-    count = with_pair(pairs[2 * k], pairs[2 * k + 1], count, n_pairs, found);
-  }
-  return count;
-}
-
 /* --- points ------------------------------------------------------------------------------------ */
 
 int64_t near_points(int64_t n_pairs, const int64_t* pairs, const int64_t* first, const double* x,
@@ -392,6 +379,40 @@ static void place(const int64_t* corners, const double* start, const double* end
       const int64_t at = 3 * corners[k] + i;
       out[k][i] = (1 - share) * start[at] + share * end[at];
     }
+}
+
+void sagittas(int64_t n_triangles, const int64_t* triangles, const double* balls, const double* x,
+              const double* normals, double spread, double* out)
+{
+  for (int64_t k = 0; k < n_triangles; ++k) {
+    const int64_t* corners = triangles + 3 * k;
+    double normal[3], cosine = 1;
+    area_vector(x + 3 * corners[0], x + 3 * corners[1], x + 3 * corners[2], normal);
+    unify(normal);
+    for (int j = 0; j < 3; ++j)
+      cosine = fmin(cosine, dot(normal, normals + 3 * corners[j]));
+    const double angle = spread * acos(fmax(cosine, -1));
+    out[k] = balls[4 * k + 3] * fmin(angle < acos(0) ? tan(angle) : 2, 2); /* a ball's diameter */
+  }
+}
+
+int64_t near_curved(int64_t n_pairs, const int64_t* pairs, const int64_t* triangles,
+                    const double* balls, const double* sagittas, const double* x, double reach,
+                    int64_t* found)
+{
+  int64_t count = 0;
+  for (int64_t k = 0; k < n_pairs; ++k) {
+    const int64_t one = pairs[2 * k], other = pairs[2 * k + 1];
+    triangle_t a, b;
+    if (apart_by(balls + 4 * one, balls + 4 * other,
+                 balls[4 * one + 3] + balls[4 * other + 3] + reach))
+      continue;
+    place(triangles + 3 * one, x, x, 0, a);
+    place(triangles + 3 * other, x, x, 0, b);
+    if (!planes_part(a, b, a, b, reach + sagittas[one] + sagittas[other]))
+      count = with_pair(one, other, count, n_pairs, found);
+  }
+  return count;
 }
 
 double least_distance(int64_t n_pairs, const int64_t* pairs, const int64_t* triangles,

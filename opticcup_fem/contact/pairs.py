@@ -28,8 +28,11 @@ int64_t near_patches(int64_t n_cells, int64_t per_cell, const double* cells, con
                      const double* rest, const int64_t* order, const double* low,
                      const double* high, double reach, double exempt, int64_t capacity,
                      int64_t* pairs);
-int64_t near_balls(int64_t n_pairs, const int64_t* pairs, const double* balls, double reach,
-                   int64_t* found);
+void sagittas(int64_t n_triangles, const int64_t* triangles, const double* balls, const double* x,
+              const double* normals, double spread, double* out);
+int64_t near_curved(int64_t n_pairs, const int64_t* pairs, const int64_t* triangles,
+                    const double* balls, const double* sagittas, const double* x, double reach,
+                    int64_t* found);
 int64_t near_points(int64_t n_pairs, const int64_t* pairs, const int64_t* first, const double* x,
                     const double* rest, const double* balls, double reach, double exempt,
                     int64_t capacity, int64_t* found);
@@ -53,7 +56,7 @@ BULGE = 1.15
 """Radius of a curved piece over that of its corners: a bound for looking."""
 
 SPREAD = 1.3
-"""Angle of a curved piece's normals from their mean over that of those at its corners."""
+"""Angle of a curved piece's normals from their mean, or a triangle's, over that at its corners."""
 
 FIRST_CAPACITY = 1_000_000
 """Pairs there is room for at first: memory that is not written to costs nothing."""
@@ -146,10 +149,34 @@ def farthest(one: Floats, other: Floats) -> float:
     return float(np.sqrt(np.einsum("...i,...i->...", change, change).max()))
 
 
-def near_balls(pairs: Integers, around: Floats, reach: float) -> Integers:
-    """Return those of some pairs of balls, shape (n, 4), that are nearer than the reach."""
+def sagittas(triangles: Integers, around: Floats, x: Floats) -> Floats:
+    """Return how far curved patches are from their triangles at most, shape (n_triangles,).
+
+    Args:
+        triangles: Their corners, those of all patches there are, shape (n_triangles, 3).
+        around: Balls around the patches, shape (n_triangles, 4).
+        x: Places, shape (n_vertices, 3).
+    """
+    found = np.empty(len(triangles))
+    _call("sagittas", len(triangles), triangles, around, x, normals(triangles, x), SPREAD, found)
+    return found
+
+
+def near_curved(
+    pairs: Integers, triangles: Integers, around: Floats, x: Floats, reach: float
+) -> Integers:
+    """Return those of some pairs of curved patches that may be nearer than the reach.
+
+    Args:
+        pairs: Shape (n, 2).
+        triangles: Corners of all patches, shape (n_triangles, 3).
+        around: Balls around them, shape (n_triangles, 4).
+        x: Places, shape (n_vertices, 3).
+        reach: What is near.
+    """
     found = np.empty((len(pairs), 2), dtype=np.int64)
-    count = _call("near_balls", len(pairs), pairs, around, reach, found)
+    high = sagittas(triangles, around, x)
+    count = _call("near_curved", len(pairs), pairs, triangles, around, high, x, reach, found)
     return found[:count]
 
 

@@ -30,7 +30,7 @@ from opticcup_fem.contact.pairs import (
     BULGE,
     distances,
     farthest,
-    near_balls,
+    near_curved,
     near_points,
     stiffness,
     within,
@@ -187,7 +187,8 @@ class Repulsion:
         patches, reach = self.patches, REACH * self.distance
         vertices = np.concatenate([self._map @ face for face in faces])
         balls = patches.balls(vertices)
-        near = near_balls(patches.near(vertices, reach=reach), balls, reach)
+        near = patches.near(vertices, reach=reach)
+        near = near_curved(near, patches.triangles, balls, vertices, reach)
         if self._levels is None and len(near):
             self._levels = self._cuts(vertices)
         points, first = self._points(near)

@@ -32,6 +32,9 @@ DIVERGED_RESIDUAL = 1e8
 NEAR_SOLUTION = 1e-5
 """The inertia at an iterate of a smaller residual (unit: mu_IOV R^2) is that of the solution."""
 
+MARGIN = 0.3
+"""Share of the tolerance that a step with the tangent of the iterate before is to end below."""
+
 SMALLEST_FRACTION = 0.02
 """Newton steps are not cut below this fraction."""
 
@@ -86,10 +89,12 @@ class Solution:
         reason: PETSc's name of the reason, "LOST_FIBRE" where no admissible step exists, or
             ``CONTACT_AHEAD``.
         iterations: Newton iterations, each one factorisation, but for the first of a turn in which
-            the deformation follows growth with flux.
+            the deformation follows growth with flux, and for a last one that the tangent before
+            serves well enough.
         residual: Final residual norm.
         lost: The fibre that allowed no step, and its place, where that was the reason.
         best: The iterate with the smallest residual, None where none was admissible.
+        least: Its residual norm.
         turns: Iterations among these that followed changes of growth by mass balance.
     """
 
@@ -100,6 +105,7 @@ class Solution:
     residual: float
     lost: LostPlace | None = None
     best: ShellState | None = None
+    least: float = np.inf
     turns: int = 0
 
 
@@ -265,6 +271,7 @@ class MixedNewton:
             self._norm,
             self._lost,
             self._best,
+            self._best_norm,
         )
 
     def inertia(self) -> Inertia | None:
@@ -311,6 +318,9 @@ class MixedNewton:
         assert self._cells is not None
         if self._keeps_tangent and snes.getIterationNumber() == 0:
             return  # that of the last turn is near enough for one step
+        near = self._factorised_norm
+        if near < NEAR_SOLUTION and self._norm * (self._norm / near) < self._target * MARGIN:
+            return  # the last one leads below the tolerance, too
         self.problem.assemble_tangent(self._cells, self.problem.contact_stiffness(self._state))
         if self._drag is not None:
             self.problem.add_diagonal(self._drag.mass, self._drag.rate)
@@ -321,16 +331,16 @@ class MixedNewton:
 
         It goes no farther than contact allows.  Moves the state to the iterate.
         """
-        full = -y.array_r.copy()
-        unknowns = self.problem.unknowns
-        moves, _ = unknowns.split(unknowns.to_local(full))
+        problem, full = self.problem, -y.array_r.copy()
+        assert self._cells is not None
+        moves, _ = problem.unknowns.split(problem.unknowns.to_local(full))
         fraction = self._bound_in_touch(moves)
-        fraction *= self.problem.free_fraction(self._state, fraction * moves)
+        fraction *= problem.free_fraction(self._state, fraction * moves)
         allowed = fraction
         while True:
-            trial = self._stepped(fraction * full, fraction)
-            self._resultants, self._lost = self.problem.shell.evaluate(trial)
-            free = fraction == allowed or self.problem.is_free(self._state, trial)
+            trial = problem.stepped(self._state, self._cells, fraction * full, fraction)
+            self._resultants, self._lost = problem.shell.evaluate(trial)
+            free = fraction == allowed or problem.is_free(self._state, trial)
             if (self._lost is None and free) or fraction < SMALLEST_FRACTION:
                 break
             fraction /= 2
@@ -357,21 +367,6 @@ class MixedNewton:
             return 1.0
         longest = self.problem.largest(np.linalg.norm(moves, axis=1))
         return min(1.0, LONGEST_IN_TOUCH / longest) if longest > 0 else 1.0
-
-    def _stepped(self, owned_step: Array, fraction: float) -> ShellState:
-        """Return the state after a step of (r, alpha) and of what (kappa, sigma) do with it."""
-        unknowns, state, cells = self.problem.unknowns, self._state, self._cells
-        assert cells is not None
-        local = unknowns.to_local(owned_step)
-        dr, dalpha = unknowns.split(local)
-        dkappa, dsigma = cells.local_update(local[unknowns.in_cells], state.sigma, fraction)
-        return replace(
-            state,
-            r=state.r + dr,
-            alpha=state.alpha + dalpha,
-            kappa=state.kappa + dkappa,
-            sigma=state.sigma + dsigma,
-        )
 
     def _converged(
         self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]

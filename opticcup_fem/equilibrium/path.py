@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -11,10 +12,11 @@ from opticcup_fem.equilibrium.critical import CriticalPoint, CriticalPoints, Kno
 from opticcup_fem.equilibrium.jumps import Relaxation
 from opticcup_fem.equilibrium.newton import CONTACT_AHEAD, MOST_TURNS, MixedNewton, Solution
 from opticcup_fem.equilibrium.problem import Problem
-from opticcup_fem.equilibrium.relaxation import Relaxed
+from opticcup_fem.equilibrium.relaxation import Relaxed, Stays
 from opticcup_fem.equilibrium.spectrum import Mode
 from opticcup_fem.equilibrium.stability import NegativeEigenvalues
 from opticcup_fem.equilibrium.steps import Course, History, StepControl
+from opticcup_fem.equilibrium.tangent import on_tangent
 from opticcup_fem.equilibrium.transport import begin_step, commit, settle
 from opticcup_fem.errors import (
     CaseError,
@@ -34,6 +36,15 @@ SLIP_STEP = 10
 
 LARGEST_ACROSS = 1e-6
 """Largest force on a node, unit mu_IOV R^2, that keeping mirrors may take up: rounding is 1e-12."""
+
+LOST_MOVE = 2.0
+"""Distance from the guess, over a jump, at which a descent on a long step is given up."""
+
+NEAR_REST = 1e-4
+"""Residual, unit mu_IOV R^2, from which descent comes to rest in a few steps."""
+
+TANGENT_STEP = 1e-4
+"""Difference in t_n that gives the tangent of a path."""
 
 LEAST_WAY = 0.75
 """Share of the way to a guess that must be free of contact: else a shorter step costs less than the
@@ -110,6 +121,7 @@ class SteppingState:
         dt: Length of the next step, unless the history limits it.
         states: Normalised times and states from which the path is extrapolated.
         blocked: Signed time that a step failed to reach, inf for none.
+        lost_by: Time by which stability was found to be lost, None where it was not.
     """
 
     point: PathPoint
@@ -117,6 +129,7 @@ class SteppingState:
     dt: float
     states: tuple[tuple[float, ShellState], ...]
     blocked: float
+    lost_by: float | None
 
 
 class LoadStepping:
@@ -158,7 +171,10 @@ class LoadStepping:
         self._negative_eigenvalues = NegativeEigenvalues(newton, spectrum)
         self.end: PathEnd | None = None
         self.accepted = 0
-        self._may_descend = True
+        # of Newton's method behind the last point, where things touch
+        self._failures = 0
+        # time by which stability was found to be lost
+        self._lost_by: float | None = None
         self.present: SteppingState | None = None
 
     def count_iterations(self, count: Callable[[], None]) -> None:
@@ -206,6 +222,7 @@ class LoadStepping:
         course = Course(t_start, t_end, times)
         if resumed is not None:
             point, dt, self.accepted = resumed.point, resumed.dt, resumed.accepted
+            self._lost_by = resumed.lost_by
             history = History.restored(
                 self.problem, course, resumed.states, resumed.blocked, self.memory
             )
@@ -223,15 +240,18 @@ class LoadStepping:
         while not course.is_over(point.t_n):
             step = history.limited(dt, control.smallest)
             target, step = course.next(point.t_n, step)
-            attempt = self._attempt(target, history.predict(target), point)
+            attempt = self._attempt(target, self._guess(history, target, point), point)
             found, solution = attempt.point, attempt.solution
             spent += solution.iterations
             if found is not None:
-                if found.jump:
+                if found.jump or (_touches(found.state) and not _touches(point.state)):
                     history = self._history(course, found)
                 else:
                     history.add(found.t_n, self._remembered(found))
                 dt = control.after(dt, step, solution.iterations - solution.turns)
+            elif self._shows_kink(solution, history, point):
+                history = self._history(course, point)
+                continue
             elif attempt.unbalanced is not None and step <= control.smallest * (1 + 1e-6):
                 self.end = PathEnd(target, solution, attempt.unbalanced)
                 return
@@ -249,8 +269,10 @@ class LoadStepping:
                 history = self._history(course, found)
                 dt = control.initial
             point = replace(found, iterations=spent)
+            if found.jump:
+                self._lost_by = None
             self.accepted += 1
-            self._may_descend = True
+            self._failures = 0
             spent = 0
             self._commit(point)
             self._note(point, dt, history)
@@ -289,9 +311,30 @@ class LoadStepping:
         """
         share = (t_n - low.t_n) / (high.t_n - low.t_n)
         guess = low.state.plus(high.state.minus(low.state), share)
+        lost_by = self._lost_by
         point = self._attempt(t_n, self.problem.with_mean_directors(guess, low.state), low).point
-        self._may_descend = True  # as behind any accepted point
+        self._failures, self._lost_by = 0, lost_by  # as behind any accepted point
         return point
+
+    def _shows_kink(self, failed: Solution, history: History, point: PathPoint) -> bool:
+        """Return whether more contact begins than the states before a point tell."""
+        is_stopped = failed.reason == CONTACT_AHEAD and _touches(point.state)
+        return is_stopped and len(history.states) > 1
+
+    def _guess(self, history: History, t_n: float, point: PathPoint) -> ShellState:
+        """Return the guess at ``t_n`` (collective).
+
+        The path has a kink where contact begins, or more of it: the states before tell nothing
+        there, but the tangent does.
+        """
+        if len(history.states) == 1 and _touches(point.state):
+            ahead = math.copysign(TANGENT_STEP, t_n - point.t_n)
+            near = on_tangent(self.problem, point.state, point.t_n, ahead)
+            if near is not None:
+                share = (t_n - point.t_n) / ahead
+                guess = point.state.plus(near.minus(point.state), share)
+                return self.problem.with_mean_directors(guess, point.state)
+        return history.predict(t_n)
 
     def _history(self, course: Course, point: PathPoint) -> History:
         """Return the history of a path that begins with a point (collective)."""
@@ -301,7 +344,9 @@ class LoadStepping:
     def _note(self, point: PathPoint, dt: float, history: History) -> None:
         """Note what the path beyond a point depends on."""
         states = tuple(history.passed)
-        self.present = SteppingState(point, self.accepted, dt, states, history.blocked)
+        self.present = SteppingState(
+            point, self.accepted, dt, states, history.blocked, self._lost_by
+        )
 
     def _attempt(self, t_n: float, guess: ShellState, before: PathPoint | None) -> Attempt:
         """Solve at ``t_n``; accept what is converged, near and stable enough (collective)."""
@@ -327,17 +372,15 @@ class LoadStepping:
         )
         if solution.reason == CONTACT_AHEAD:
             return Attempt(solution)
-        descends = before is not None and self._may_descend_from(before, t_n)
-        if not solution.converged and before is not None and descends:
-            return self._descended(t_n, guess, before, solution)
-        if not solution.converged or self._moved(solution.state, near) > self.control.max_move:
+        if not solution.converged:
+            return self._descended(t_n, guess, before, solution) or Attempt(solution)
+        if self._moved(solution.state, near) > self.control.max_move:
             return Attempt(solution)
         state = shell.with_updated_directors(solution.state)
         negative = self._negative_eigenvalues.at_solution(state)
         if negative and not self._admits(Known(t_n, state, negative), before):
-            if before is not None and descends:
-                return self._descended(t_n, guess, before, replace(solution, best=None))
-            return Attempt(solution, unstable=state)
+            descended = self._descended(t_n, guess, before, replace(solution, best=None))
+            return descended or Attempt(solution, unstable=state)
         energy = shell.energy(state)
         point = PathPoint(
             t_n, state, False, negative, solution.iterations, solution.residual, energy
@@ -347,33 +390,50 @@ class LoadStepping:
         except ConvergenceError:  # too far apart: a shorter step finds them
             return Attempt(solution)
 
-    def _may_descend_from(self, before: PathPoint, t_n: float) -> bool:
+    def _descends(self, before: PathPoint, t_n: float, failed: Solution) -> bool:
         """Return whether a step that Newton's method fails on is tried by descent."""
-        return _touches(before.state) and (self._may_descend or self._is_short(before, t_n))
+        if self._is_short(before, t_n):
+            return True
+        beyond = self._lost_by is None or (self._lost_by - t_n) * (t_n - before.t_n) < 0
+        return beyond and (self._failures > 1 or failed.least < NEAR_REST)
 
     def _is_short(self, before: PathPoint, t_n: float) -> bool:
         return abs(t_n - before.t_n) <= SLIP_STEP * self.control.smallest
 
     def _descended(
-        self, t_n: float, guess: ShellState, before: PathPoint, failed: Solution
-    ) -> Attempt:
+        self, t_n: float, guess: ShellState, before: PathPoint | None, failed: Solution
+    ) -> Attempt | None:
         """Go on by descent where Newton's method wanders, or ends in an unstable state, in touch.
 
-        It starts where Newton's method came nearest, or at the guess.  What comes to rest farther
-        than a jump from the guess has lost its stability on the way: it is accepted on a short step
-        only, and not tried again before (collective).
+        Where Newton's method came not near, a shorter step is tried first: it costs less.  Descent
+        starts where it came nearest, or at the guess.  What comes to rest farther than a jump from
+        the guess has lost its stability on the way: it is accepted on a short step only, and not
+        looked for again before (collective).
+
+        Returns:
+            None where descent is not tried.
         """
+        if before is None or not _touches(before.state):
+            return None
+        self._failures += 1
+        if not self._descends(before, t_n, failed):
+            return None
         contact = self.problem.contact
         assert contact is not None
         start = failed.best
         if start is None:
             turned = self.problem.with_mean_directors(guess, before.state)
             start, _ = contact.reachable(before.state, turned)
-        relaxed = self._balanced_rest(start)
+        is_short, most = self._is_short(before, t_n), self.control.jump_move
+
+        def stays(state: ShellState) -> bool:
+            return is_short or self._moved(state, guess) <= LOST_MOVE * most
+
+        relaxed = self._balanced_rest(start, stays)
         spent = replace(failed, iterations=failed.iterations + relaxed.factorisations)
-        near = self._moved(relaxed.state, guess) <= self.control.jump_move
-        if not relaxed.converged or not (near or self._is_short(before, t_n)):
-            self._may_descend = False
+        near = self._moved(relaxed.state, guess) <= most
+        if not relaxed.converged or not (near or is_short):
+            self._lost_by = t_n
             return Attempt(spent)
         point = PathPoint(
             t_n,
@@ -472,18 +532,22 @@ class LoadStepping:
             relaxed.energy,
         )
 
-    def _balanced_rest(self, start: ShellState) -> Relaxed:
+    def _balanced_rest(self, start: ShellState, stays: Stays | None = None) -> Relaxed:
         """Relax from a state, and again while that changes growth by mass balance (collective).
+
+        Args:
+            start: The state.
+            stays: Tells of a state on the way whether it is worth going on from there.
 
         Raises:
             UnbalancedLayer: A mass balance has no solution on the way.
         """
-        relaxed = self.relaxation.relax(start)
+        relaxed = self.relaxation.relax(start, stays)
         spent = relaxed.factorisations
         for _ in range(MOST_TURNS):
             if not relaxed.converged or not settle(self.problem.shell, relaxed.state):
                 return replace(relaxed, factorisations=spent)
-            relaxed = self.relaxation.relax(relaxed.state)
+            relaxed = self.relaxation.relax(relaxed.state, stays)
             spent += relaxed.factorisations
         return replace(relaxed, converged=False, factorisations=spent)
 

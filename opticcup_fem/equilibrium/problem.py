@@ -197,6 +197,29 @@ class Problem:
 
     # --- states -------------------------------------------------------------------------------
 
+    def stepped(
+        self, state: ShellState, cells: CondensedCells, owned: Array, fraction: float = 1.0
+    ) -> ShellState:
+        """Return the state after a step of (r, alpha) and of what (kappa, sigma) do with it.
+
+        Args:
+            state: The state.
+            cells: The condensed cells at the state.
+            owned: The step of the owned unknowns, the share of the full one applied.
+            fraction: This share.
+        """
+        unknowns = self.unknowns
+        local = unknowns.to_local(owned)
+        dr, dalpha = unknowns.split(local)
+        dkappa, dsigma = cells.local_update(local[unknowns.in_cells], state.sigma, fraction)
+        return replace(
+            state,
+            r=state.r + dr,
+            alpha=state.alpha + dalpha,
+            kappa=state.kappa + dkappa,
+            sigma=state.sigma + dsigma,
+        )
+
     def with_mean_directors(self, guess: ShellState, last: ShellState) -> ShellState:
         """Return an extrapolated state on its mean directors; held edges keep theirs (collective).
 

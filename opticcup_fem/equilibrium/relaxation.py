@@ -38,6 +38,12 @@ MOST_SOLVES = 60
 """Inverse iterations for the motion along which it is left."""
 
 
+TOO_FAR = "it went too far"
+"""Why a relaxation was given up whose state was not worth going on from."""
+
+Stays = Callable[[ShellState], bool]
+
+
 @dataclass(frozen=True)
 class Relaxed:
     """Outcome of a relaxation.
@@ -102,10 +108,14 @@ class EnergyDescent:
         self._step = problem.vector.duplicate()
         self.monitor: Callable[[int, float, float], None] | None = None
 
-    def relax(self, state: ShellState) -> Relaxed:
+    def relax(self, state: ShellState, stays: Stays | None = None) -> Relaxed:
         """Descend from ``state`` at the shell's present growth (collective).
 
         Contact is evaluated from the first step on which anything touches.
+
+        Args:
+            state: The start.
+            stays: Tells of a state whether it is worth going on from there.
         """
         problem = self.problem
         state, lost = starting_state(problem.shell, state)
@@ -113,11 +123,11 @@ class EnergyDescent:
             return Relaxed(state, False, 0, 0, np.nan, np.nan, "no admissible start", None, lost)
         state = problem.with_contact(state)
         problem.awake = state.contact is not None and state.contact.touches
-        relaxed = self._descend(state)
+        relaxed = self._descend(state, stays)
         problem.awake = problem.contact is not None
         return relaxed
 
-    def _descend(self, state: ShellState) -> Relaxed:
+    def _descend(self, state: ShellState, stays: Stays | None) -> Relaxed:
         shell, problem = self.problem.shell, self.problem
         energy = problem.energy(state)
         shift, factorisations = 0.0, 0
@@ -145,6 +155,8 @@ class EnergyDescent:
                 return Relaxed(state, False, iteration, factorisations, energy, norm, reason)
             after, energy, fraction = accepted
             state, energy = self._moved(state, after, energy)
+            if stays is not None and not stays(state):
+                return Relaxed(state, False, iteration, factorisations, energy, norm, TOO_FAR)
             shift = shift / 8 if fraction > 0.5 else shift
             if shift < 1e-6:
                 shift = 0.0

@@ -13,7 +13,7 @@ import numpy as np
 from opticcup_fem.equilibrium.mass import lumped_mass
 from opticcup_fem.equilibrium.newton import Drag, MixedNewton
 from opticcup_fem.equilibrium.problem import Problem
-from opticcup_fem.equilibrium.relaxation import Relaxed, starting_state
+from opticcup_fem.equilibrium.relaxation import TOO_FAR, Relaxed, Stays, starting_state
 from opticcup_fem.shell.model import LostPlace, ShellState
 
 
@@ -42,8 +42,13 @@ class ViscousRelaxation:
         self._mass = lumped_mass(problem)
         self.monitor: Callable[[int, float, float], None] | None = None
 
-    def relax(self, state: ShellState) -> Relaxed:
-        """Flow from ``state`` at the shell's present growth (collective)."""
+    def relax(self, state: ShellState, stays: Stays | None = None) -> Relaxed:
+        """Flow from ``state`` at the shell's present growth (collective).
+
+        Args:
+            state: The start.
+            stays: Tells of a state whether it is worth going on from there.
+        """
         shell = self.problem.shell
         state, lost = starting_state(shell, state)
         if lost is not None:
@@ -61,6 +66,8 @@ class ViscousRelaxation:
                 continue
             speed = self._speed(state, solution.state, step)
             state = shell.with_updated_directors(solution.state)
+            if stays is not None and not stays(state):
+                return self._ended(state, False, count, spent, speed, TOO_FAR, None)
             if speed < self.rest:
                 final = self.newton.solve(state)
                 spent += final.iterations

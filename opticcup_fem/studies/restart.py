@@ -117,6 +117,7 @@ class Restart:
             numbers["dt"],
             tuple(zip(numbers["times"], states, strict=False)),
             numbers["blocked"],
+            numbers["lost_by"],
         )
 
 
@@ -143,7 +144,8 @@ def _numbers(present: Present) -> dict[str, Any]:
         arcs = {"arc": present.numbers, "arc_before": present.numbers_before}
         return {**numbers, **arcs, "count": present.count}
     times = [t_n for t_n, _ in present.states]
-    return {**numbers, "dt": present.dt, "times": times, "blocked": present.blocked}
+    limits = {"blocked": present.blocked, "lost_by": present.lost_by}
+    return {**numbers, "dt": present.dt, "times": times, **limits}
 
 
 def _contact_numbers(state: ShellState) -> dict[str, Any]:

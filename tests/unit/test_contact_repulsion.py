@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
+from opticcup_fem.contact import repulsion as repulsion_module
 from opticcup_fem.contact.barrier import Barrier
 from opticcup_fem.contact.law import barrier, repulsion
 from opticcup_fem.contact.patches import Patches
 from opticcup_fem.contact.repulsion import RAMP, Repulsion
-from opticcup_fem.snapshot import Floats, Snapshot
+from opticcup_fem.snapshot import Floats, Integers, Snapshot
 from tests.support.blocks import matrix_of
 from tests.support.shapes import deformed, revolved, sphere_mesh
 from tests.unit.test_contact import FLAT, ROUND, H, dimple, faces_of, surface_of
@@ -85,6 +86,32 @@ def expected_energy(gap: float) -> float:
     psi = -barrier(np.minimum(far, 1))[1] / far
     inner = np.where(square < 2, ramp**2 * (3 - 2 * ramp) * psi, 0).sum(axis=(1, 2))
     return float(STIFFNESS / D_HAT * inner.mean() * (D_HAT / 40) ** 2)
+
+
+@pytest.mark.parametrize("distance", [0.3 * D_HAT, D_HAT])
+def test_no_patches_that_touch_are_left_out(
+    sphere: Snapshot, monkeypatch: pytest.MonkeyPatch, distance: float
+) -> None:
+    """In a dimple, against the points of all patches whose balls are near; most have none."""
+    faces = faces_of(dimple(sphere, 0.5 * distance))
+    counts, energies = [], []
+    for keeps_all in (False, True):
+        if keeps_all:
+            monkeypatch.setattr(repulsion_module, "near_curved", lambda pairs, *_: pairs)
+        points = []
+        whole = Repulsion._points
+        potential = repulsion_of(sphere, distance)
+
+        def counted(self: Repulsion, pairs: Integers) -> object:
+            points.append(len(pairs))
+            return whole(self, pairs)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(Repulsion, "_points", counted)
+            energies.append(potential.energy(faces))
+        counts.append(sum(points))
+    assert energies[0] == pytest.approx(energies[1], rel=1e-12) and energies[0] > 0
+    assert 0 < counts[0] < 0.7 * counts[1]
 
 
 @pytest.mark.parametrize("gap", [0.3 * D_HAT, 0.6 * D_HAT])

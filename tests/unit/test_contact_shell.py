@@ -14,12 +14,14 @@ from opticcup_fem.contact.model import KEEP, Contact
 from opticcup_fem.contact.obstacles import Plate, Sphere
 from opticcup_fem.contact.potential import ContactSettings
 from opticcup_fem.contact.report import ContactReport, contact_report, nodal_areas
+from opticcup_fem.equilibrium import path
 from opticcup_fem.equilibrium.jumps import make_relaxation
 from opticcup_fem.equilibrium.newton import CONTACT_AHEAD, MixedNewton
 from opticcup_fem.equilibrium.path import LoadStepping, PathPoint, StepControl
 from opticcup_fem.equilibrium.problem import Problem
+from opticcup_fem.equilibrium.tangent import on_tangent
 from opticcup_fem.errors import CaseError
-from opticcup_fem.shell.model import Shell
+from opticcup_fem.shell.model import Shell, ShellState
 from opticcup_fem.shell.recovery import capture
 from opticcup_fem.shell.supports import Mask, free, held_components, rigid_modes_of_cup
 from tests.support.shells import ALPHA, disturbed, sphere_shell, wall
@@ -163,6 +165,53 @@ def test_a_step_keeps_half_of_a_gap(squeezed: tuple[LoadStepping, list[PathPoint
     after = contact.gap(replace(state, r=state.r + share * outwards))
     assert KEEP * before <= after * (1 + 1e-9) and after < 0.8 * before
     assert problem.free_fraction(state, -outwards) == 1.0
+
+
+def test_more_contact_on_the_way(shell: Shell, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A ball that flies into a squeezed sphere stops the way to a guess that is not told of it."""
+    ball = Sphere((2.0, 0.0, 0.0), 0.3, velocity=(-0.68, 0.0, 0.0))
+    shell.set_time(0.0)
+    problem = Problem(shell, upright(shell), Contact(shell, SETTINGS, [*plates(0.021), ball]))
+    newton = MixedNewton(problem)
+    control = StepControl(initial=0.1, largest=0.25, smallest=1e-3)
+    stepping = LoadStepping(problem, newton, make_relaxation(problem, newton), control)
+    begun: list[float] = []
+
+    def counted(problem: Problem, state: ShellState, t_n: float, dt: float) -> ShellState | None:
+        begun.append(t_n)
+        return on_tangent(problem, state, t_n, dt)
+
+    monkeypatch.setattr(path, "on_tangent", counted)
+    *_, last = stepping.follow(shell.reference_state(), 1.0)
+    assert stepping.failure() is None and last.t_n == 1.0 and last.stable
+    # at the first touch of a plate, and where the ball is in the way
+    assert len(set(begun)) >= 2 and begun[0] < 0.5 < begun[-1]
+    side = last.state.r[np.argmax(shell.reference[:, 0])]
+    assert side[0] + H / 2 <= 2.0 - 0.68 - 0.3 + 1e-3
+
+
+def test_tangent_follows_the_plates(squeezed: tuple[LoadStepping, list[PathPoint]]) -> None:
+    """The tangent of a path in touch knows how stiff contact is, and how obstacles move."""
+    stepping, points = squeezed
+    problem, t_n = stepping.problem, points[-1].t_n
+    assert problem.contact is not None
+
+    def solved(state: ShellState) -> ShellState:
+        while True:
+            solution = stepping.newton.solve(state, before=state)
+            assert solution.converged
+            state, is_as_good = problem.contact.renewed(solution.state, lag=1e-6)
+            if is_as_good:
+                return state
+
+    problem.shell.set_time(t_n)
+    start = solved(points[-1].state)
+    for dt in (1e-4, -1e-4):
+        ahead = on_tangent(problem, start, t_n, dt)
+        assert ahead is not None
+        there = solved(start)
+        error = np.linalg.norm(ahead.r - there.r)
+        assert error < 0.03 * np.linalg.norm(there.r - start.r)
 
 
 def test_nothing_changes_where_nothing_touches() -> None:

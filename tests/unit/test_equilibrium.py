@@ -14,12 +14,14 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 
+from opticcup_fem.equilibrium import newton as newton_module
 from opticcup_fem.equilibrium.mass import lumped_mass
 from opticcup_fem.equilibrium.newton import Drag, MixedNewton
 from opticcup_fem.equilibrium.path import LoadStepping, PathPoint
 from opticcup_fem.equilibrium.problem import Problem
 from opticcup_fem.equilibrium.relaxation import EnergyDescent
 from opticcup_fem.equilibrium.steps import Course, History, StepControl
+from opticcup_fem.equilibrium.tangent import on_tangent
 from opticcup_fem.equilibrium.viscous import ViscousRelaxation
 from opticcup_fem.mesh import disk_mesh
 from opticcup_fem.shell.growth import LinearGrowth
@@ -68,6 +70,30 @@ def test_newton_converges_quadratically(shell: Shell, newton: MixedNewton) -> No
     tail = [n for n in norms if 1e-11 < n < 1e-1]
     orders = [math.log(b) / math.log(a) for a, b in itertools.pairwise(tail)]
     assert max(orders) > 1.6
+
+
+def test_last_iteration_uses_the_tangent_before(
+    shell: Shell,
+    problem: Problem,
+    newton: MixedNewton,
+    equilibrium: ShellState,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Where that ends below the tolerance: as many iterations, one tangent less."""
+    shell.set_time(T)
+    push = 1e-5 * shell.reference[:, [1, 2, 0]] ** 2
+    monkeypatch.setattr(newton_module, "NEAR_SOLUTION", 1e-3)
+    monkeypatch.setattr(newton, "tolerance", 1e-11)
+    norms, tangents = [], []
+    monkeypatch.setattr(newton, "monitor", lambda iteration, norm: norms.append(norm))
+    assemble = problem.assemble_tangent
+    monkeypatch.setattr(problem, "assemble_tangent", lambda *a: (tangents.append(1), assemble(*a)))
+    solution = newton.solve(replace(equilibrium, r=equilibrium.r + push))
+    assert solution.converged and norms[-1] < 1e-11 < norms[-2] < 1e-7
+    assert len(tangents) == solution.iterations - 1
+    inertia = newton.inertia()
+    assert inertia is not None and inertia.negative == 0
+    assert len(tangents) == solution.iterations - 1
 
 
 def test_newton_gives_up_with_a_reason(shell: Shell, newton: MixedNewton) -> None:
@@ -121,6 +147,20 @@ def test_relaxations_find_the_equilibrium(
         assert relaxed.converged, relaxed.reason
         assert np.abs(relaxed.state.r - equilibrium.r).max() < 1e-6
         assert relaxed.energy == pytest.approx(energy, rel=1e-10)
+
+
+@pytest.mark.parametrize("dt", [1e-3, -1e-3])
+def test_tangent_is_that_of_the_path(
+    shell: Shell, problem: Problem, newton: MixedNewton, equilibrium: ShellState, dt: float
+) -> None:
+    """What is left of a short way is of second order, in every unknown."""
+    ahead = on_tangent(problem, equilibrium, T, dt)
+    assert ahead is not None and shell.t_n == T + dt
+    there = newton.solve(equilibrium)
+    assert there.converged
+    for name in ("r", "alpha", "kappa", "sigma"):
+        start, end, guess = (getattr(x, name) for x in (equilibrium, there.state, ahead))
+        assert np.linalg.norm(guess - end) < 0.02 * np.linalg.norm(end - start)
 
 
 def test_drag_shortens_the_way(
