@@ -138,7 +138,10 @@ class Problem:
         Shapes (n_cells of all ranks, n_u) and, turned over, (owned, n_cells of all ranks).
         """
         cell, at = np.nonzero(self._unknowns_of >= 0)
-        entries = np.ones(len(cell), np.float32), (cell, self._unknowns_of[cell, at])
+        entries = (
+            np.ones(len(cell), np.float32),
+            (_short(cell), _short(self._unknowns_of[cell, at])),
+        )
         every = sparse.csr_array(entries, shape=(len(self._unknowns_of), self.matrix.size[1]))
         return every, sparse.csr_array(every[:, slice(*self.unknowns.range)].T)
 
@@ -148,12 +151,13 @@ class Problem:
         if self._far is not None:
             every, owned = self._places_of_cells
             n = len(self._unknowns_of)
-            first, second = np.divmod(self._far, n)
+            first, second = map(_short, np.divmod(self._far, n))
             entries = np.ones(2 * len(first), np.float32)
             where = (np.concatenate([first, second]), np.concatenate([second, first]))
             pairs = sparse.csr_array((entries, where), shape=(n, n))
-            pattern = pattern + owned @ (pairs @ every)
-            pattern.sort_indices()
+            far = owned @ (pairs @ every)
+            far.sort_indices()  # the sum of sorted ones is sorted
+            pattern = pattern + far
         kinds = (array.astype(PETSc.IntType) for array in (pattern.indptr, pattern.indices))
         self.matrix.setPreallocationCSR(tuple(kinds))
 
@@ -440,6 +444,11 @@ class Problem:
         ksp.setUp()
         ksp.getPC().setUp()
         return _inertia(ksp)
+
+
+def _short(numbers: Integers) -> NDArray[np.int32]:
+    """Return numbers of unknowns or cells as scipy multiplies them fastest."""
+    return numbers.astype(np.int32)
 
 
 def _inertia(ksp: PETSc.KSP) -> Inertia:
