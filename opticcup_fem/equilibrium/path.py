@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from opticcup_fem.equilibrium.critical import CriticalPoint, CriticalPoints, Known
+from opticcup_fem.equilibrium.descents import Descents
 from opticcup_fem.equilibrium.jumps import Relaxation
 from opticcup_fem.equilibrium.newton import CONTACT_AHEAD, MOST_TURNS, MixedNewton, Solution
 from opticcup_fem.equilibrium.problem import Problem
@@ -31,17 +32,11 @@ PUSHES = (0.01, 0.02, 0.04, 0.08, 0.16)
 """Moves along a critical mode, largest of a node over R, that are tried one after the other until
 relaxation leaves the path that lost its stability."""
 
-SLIP_STEP = 10
-"""Smallest steps in a step on which parts that touch may slip: where on it does not matter."""
-
 LARGEST_ACROSS = 1e-6
 """Largest force on a node, unit mu_IOV R^2, that keeping mirrors may take up: rounding is 1e-12."""
 
 LOST_MOVE = 2.0
 """Distance from the guess, over a jump, at which a descent on a long step is given up."""
-
-NEAR_REST = 1e-4
-"""Residual, unit mu_IOV R^2, from which descent comes to rest in a few steps."""
 
 TANGENT_STEP = 1e-4
 """Difference in t_n that gives the tangent of a path."""
@@ -171,10 +166,7 @@ class LoadStepping:
         self._negative_eigenvalues = NegativeEigenvalues(newton, spectrum)
         self.end: PathEnd | None = None
         self.accepted = 0
-        # of Newton's method behind the last point, where things touch
-        self._failures = 0
-        # time by which stability was found to be lost
-        self._lost_by: float | None = None
+        self._descents = Descents(control.smallest)
         self.present: SteppingState | None = None
 
     def count_iterations(self, count: Callable[[], None]) -> None:
@@ -222,11 +214,12 @@ class LoadStepping:
         course = Course(t_start, t_end, times)
         if resumed is not None:
             point, dt, self.accepted = resumed.point, resumed.dt, resumed.accepted
-            self._lost_by = resumed.lost_by
+            self._descents.begin(resumed.lost_by)
             history = History.restored(
                 self.problem, course, resumed.states, resumed.blocked, self.memory
             )
         else:
+            self._descents.begin()
             first = self._attempt(t_start, state, None)
             if first.point is None:
                 self.end = PathEnd(t_start, first.solution)
@@ -269,10 +262,8 @@ class LoadStepping:
                 history = self._history(course, found)
                 dt = control.initial
             point = replace(found, iterations=spent)
-            if found.jump:
-                self._lost_by = None
+            self._descents.accept(found.jump)
             self.accepted += 1
-            self._failures = 0
             spent = 0
             self._commit(point)
             self._note(point, dt, history)
@@ -311,9 +302,9 @@ class LoadStepping:
         """
         share = (t_n - low.t_n) / (high.t_n - low.t_n)
         guess = low.state.plus(high.state.minus(low.state), share)
-        lost_by = self._lost_by
+        lost_by = self._descents.lost_by
         point = self._attempt(t_n, self.problem.with_mean_directors(guess, low.state), low).point
-        self._failures, self._lost_by = 0, lost_by  # as behind any accepted point
+        self._descents.begin(lost_by)  # as behind any accepted point
         return point
 
     def _shows_kink(self, failed: Solution, history: History, point: PathPoint) -> bool:
@@ -345,7 +336,7 @@ class LoadStepping:
         """Note what the path beyond a point depends on."""
         states = tuple(history.passed)
         self.present = SteppingState(
-            point, self.accepted, dt, states, history.blocked, self._lost_by
+            point, self.accepted, dt, states, history.blocked, self._descents.lost_by
         )
 
     def _attempt(self, t_n: float, guess: ShellState, before: PathPoint | None) -> Attempt:
@@ -366,7 +357,7 @@ class LoadStepping:
         shell = self.problem.shell
         begin_step(shell, t_n, guess)
         near = guess if before is None else before.state
-        may_shorten = before is not None and not self._is_short(before, t_n)
+        may_shorten = before is not None and not self._descents.is_short(before.t_n, t_n)
         solution = self.newton.solve(
             guess, before=near, least_way=LEAST_WAY if may_shorten else 0.0
         )
@@ -390,16 +381,6 @@ class LoadStepping:
         except ConvergenceError:  # too far apart: a shorter step finds them
             return Attempt(solution)
 
-    def _descends(self, before: PathPoint, t_n: float, failed: Solution) -> bool:
-        """Return whether a step that Newton's method fails on is tried by descent."""
-        if self._is_short(before, t_n):
-            return True
-        beyond = self._lost_by is None or (self._lost_by - t_n) * (t_n - before.t_n) < 0
-        return beyond and (self._failures > 1 or failed.least < NEAR_REST)
-
-    def _is_short(self, before: PathPoint, t_n: float) -> bool:
-        return abs(t_n - before.t_n) <= SLIP_STEP * self.control.smallest
-
     def _descended(
         self, t_n: float, guess: ShellState, before: PathPoint | None, failed: Solution
     ) -> Attempt | None:
@@ -415,8 +396,7 @@ class LoadStepping:
         """
         if before is None or not _touches(before.state):
             return None
-        self._failures += 1
-        if not self._descends(before, t_n, failed):
+        if not self._descents.follows(before.t_n, t_n, failed.least):
             return None
         contact = self.problem.contact
         assert contact is not None
@@ -424,7 +404,7 @@ class LoadStepping:
         if start is None:
             turned = self.problem.with_mean_directors(guess, before.state)
             start, _ = contact.reachable(before.state, turned)
-        is_short, most = self._is_short(before, t_n), self.control.jump_move
+        is_short, most = self._descents.is_short(before.t_n, t_n), self.control.jump_move
 
         def stays(state: ShellState) -> bool:
             return is_short or self._moved(state, guess) <= LOST_MOVE * most
@@ -433,7 +413,7 @@ class LoadStepping:
         spent = replace(failed, iterations=failed.iterations + relaxed.factorisations)
         near = self._moved(relaxed.state, guess) <= most
         if not relaxed.converged or not (near or is_short):
-            self._lost_by = t_n
+            self._descents.lost_by = t_n
             return Attempt(spent)
         point = PathPoint(
             t_n,
