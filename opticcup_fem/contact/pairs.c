@@ -381,6 +381,21 @@ static void place(const int64_t* corners, const double* start, const double* end
     }
 }
 
+/* Both triangles of a pair. */
+static void place_both(const int64_t* pair, const int64_t* triangles, const double* start,
+                       const double* end, double share, triangle_t a, triangle_t b)
+{
+  place(triangles + 3 * pair[0], start, end, share, a);
+  place(triangles + 3 * pair[1], start, end, share, b);
+}
+
+/* Whether the balls of a pair are farther apart than a distance. */
+static int balls_part(const int64_t* pair, const double* balls, double distance)
+{
+  const double *a = balls + 4 * pair[0], *b = balls + 4 * pair[1];
+  return apart_by(a, b, a[3] + b[3] + distance);
+}
+
 void sagittas(int64_t n_triangles, const int64_t* triangles, const double* balls, const double* x,
               const double* normals, double spread, double* out)
 {
@@ -402,15 +417,13 @@ int64_t near_curved(int64_t n_pairs, const int64_t* pairs, const int64_t* triang
 {
   int64_t count = 0;
   for (int64_t k = 0; k < n_pairs; ++k) {
-    const int64_t one = pairs[2 * k], other = pairs[2 * k + 1];
+    const int64_t* pair = pairs + 2 * k;
     triangle_t a, b;
-    if (apart_by(balls + 4 * one, balls + 4 * other,
-                 balls[4 * one + 3] + balls[4 * other + 3] + reach))
+    if (balls_part(pair, balls, reach))
       continue;
-    place(triangles + 3 * one, x, x, 0, a);
-    place(triangles + 3 * other, x, x, 0, b);
-    if (!planes_part(a, b, a, b, reach + sagittas[one] + sagittas[other]))
-      count = with_pair(one, other, count, n_pairs, found);
+    place_both(pair, triangles, x, x, 0, a, b);
+    if (!planes_part(a, b, a, b, reach + sagittas[pair[0]] + sagittas[pair[1]]))
+      count = with_pair(pair[0], pair[1], count, n_pairs, found);
   }
   return count;
 }
@@ -419,13 +432,12 @@ double least_distance(int64_t n_pairs, const int64_t* pairs, const int64_t* tria
                       const double* balls, const double* x, double least)
 {
   for (int64_t k = 0; k < n_pairs; ++k) {
+    const int64_t* pair = pairs + 2 * k;
     triangle_t a, b;
     double direction[3];
-    const double *one = balls + 4 * pairs[2 * k], *other = balls + 4 * pairs[2 * k + 1];
-    if (apart_by(one, other, one[3] + other[3] + least))
+    if (balls_part(pair, balls, least))
       continue;
-    place(triangles + 3 * pairs[2 * k], x, x, 0, a);
-    place(triangles + 3 * pairs[2 * k + 1], x, x, 0, b);
+    place_both(pair, triangles, x, x, 0, a, b);
     if (!planes_part(a, b, a, b, least))
       least = fmin(least, distance(a, b, direction));
   }
@@ -441,16 +453,13 @@ double free_share(int64_t n_pairs, const int64_t* pairs, const int64_t* triangle
 {
   double limit = 1;
   for (int64_t k = 0; k < n_pairs; ++k) {
-    const double *first = balls + 4 * pairs[2 * k], *second = balls + 4 * pairs[2 * k + 1];
-    if (apart_by(first, second, first[3] + second[3] + reach))
+    const int64_t* pair = pairs + 2 * k;
+    if (balls_part(pair, balls, reach))
       continue;
-    const int64_t *one = triangles + 3 * pairs[2 * k], *other = triangles + 3 * pairs[2 * k + 1];
     triangle_t a, b, a_last, b_last;
     double share = 0, keep = apart;
-    place(one, start, end, limit, a_last);
-    place(other, start, end, limit, b_last);
-    place(one, start, end, share, a);
-    place(other, start, end, share, b);
+    place_both(pair, triangles, start, end, limit, a_last, b_last);
+    place_both(pair, triangles, start, end, share, a, b);
     if (planes_part(a, b, a_last, b_last, apart))
       continue;
     for (int n = 0;; ++n) {
@@ -467,8 +476,7 @@ double free_share(int64_t n_pairs, const int64_t* pairs, const int64_t* triangle
         limit = share;
         break;
       }
-      place(one, start, end, share, a);
-      place(other, start, end, share, b);
+      place_both(pair, triangles, start, end, share, a, b);
     }
     if (limit <= 0)
       return 0;

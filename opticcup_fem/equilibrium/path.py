@@ -301,9 +301,9 @@ class LoadStepping:
         The shell is left at ``t_n`` (collective).
         """
         share = (t_n - low.t_n) / (high.t_n - low.t_n)
-        guess = low.state.plus(high.state.minus(low.state), share)
+        guess = self.problem.along(low.state, high.state, share)
         lost_by = self._descents.lost_by
-        point = self._attempt(t_n, self.problem.with_mean_directors(guess, low.state), low).point
+        point = self._attempt(t_n, guess, low).point
         self._descents.begin(lost_by)  # as behind any accepted point
         return point
 
@@ -322,9 +322,7 @@ class LoadStepping:
             ahead = math.copysign(TANGENT_STEP, t_n - point.t_n)
             near = on_tangent(self.problem, point.state, point.t_n, ahead)
             if near is not None:
-                share = (t_n - point.t_n) / ahead
-                guess = point.state.plus(near.minus(point.state), share)
-                return self.problem.with_mean_directors(guess, point.state)
+                return self.problem.along(point.state, near, (t_n - point.t_n) / ahead)
         return history.predict(t_n)
 
     def _history(self, course: Course, point: PathPoint) -> History:

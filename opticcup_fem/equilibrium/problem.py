@@ -239,6 +239,16 @@ class Problem:
             director=np.where(held[:, :, None], last.director, turned.director),
         )
 
+    def along(self, last: ShellState, other: ShellState, share: float) -> ShellState:
+        """Return a state on the line through two, on its mean directors (collective).
+
+        Args:
+            last: An accepted state, whose held directors stay.
+            other: Another one.
+            share: Share of the way from the first to it, of any size and sign.
+        """
+        return self.with_mean_directors(last.plus(other.minus(last), share), last)
+
     def norm(self, owned: Array) -> float:
         """Return the Euclidean norm of values spread over the ranks (collective)."""
         return float(np.sqrt(self.comm.allreduce(np.sum(owned * owned))))

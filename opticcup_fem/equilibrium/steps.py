@@ -198,8 +198,7 @@ class History:
         if not distant:
             return last
         t_0, first = distant[-1]
-        guess = last.plus(last.minus(first), (t - t_1) / (t_1 - t_0))
-        return self._problem.with_mean_directors(guess, last)
+        return self._problem.along(last, first, (t - t_1) / (t_0 - t_1))
 
     def limited(self, dt: float, smallest: float) -> float:
         """Return ``dt``, or less near a failed step or where the path bends to a limit point.

@@ -29,7 +29,7 @@ def on_tangent(problem: Problem, state: ShellState, t_n: float, dt: float) -> Sh
     shell = problem.shell
     shell.set_time(t_n)
     problem.forget_contacts()
-    if state.contact is not None and problem.contact is not None:
+    if problem.contact is not None:
         problem.contact.begin(state)
     start = problem.with_contact(replace(state, contact=None))
     cells = shell.condensed(start)

@@ -19,7 +19,7 @@ from opticcup_fem.equilibrium.mass import lumped_mass
 from opticcup_fem.equilibrium.newton import Drag, MixedNewton
 from opticcup_fem.equilibrium.path import LoadStepping, PathPoint
 from opticcup_fem.equilibrium.problem import Problem
-from opticcup_fem.equilibrium.relaxation import EnergyDescent
+from opticcup_fem.equilibrium.relaxation import TOO_FAR, EnergyDescent
 from opticcup_fem.equilibrium.steps import Course, History, StepControl
 from opticcup_fem.equilibrium.tangent import on_tangent
 from opticcup_fem.equilibrium.viscous import ViscousRelaxation
@@ -147,6 +147,19 @@ def test_relaxations_find_the_equilibrium(
         assert relaxed.converged, relaxed.reason
         assert np.abs(relaxed.state.r - equilibrium.r).max() < 1e-6
         assert relaxed.energy == pytest.approx(energy, rel=1e-10)
+
+
+def test_relaxations_are_given_up_where_they_lead_astray(
+    shell: Shell, problem: Problem, newton: MixedNewton, equilibrium: ShellState
+) -> None:
+    """At the first state that is not worth going on from."""
+    shell.set_time(T + 0.01)
+    for relaxation in (EnergyDescent(problem), ViscousRelaxation(problem, newton)):
+        seen: list[ShellState] = []
+        relaxed = relaxation.relax(equilibrium, lambda state, seen=seen: bool(seen.append(state)))
+        assert not relaxed.converged and relaxed.reason == TOO_FAR
+        assert len(seen) == 1 and relaxed.state is seen[0]
+        assert np.abs(relaxed.state.r - equilibrium.r).max() > 1e-4
 
 
 @pytest.mark.parametrize("dt", [1e-3, -1e-3])
